@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write the tables of docs/models.md, schemes.md and damping.md, which-scheme.md and its tables from the library and
-docs/figures, and a notebook; typeset the formulas of the parts that other programs have written.
+"""Write the tables of docs/models.md, schemes.md, damping.md and gradients.md, which-scheme.md and its tables from the
+library and docs/figures, and a notebook; typeset the formulas of the parts that other programs have written.
 
     .venv/bin/python docs/generate.py
 
@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import damping_orders
+import gradient_schemes
 import measured_module
 import notebook
 import typeset
@@ -25,6 +26,7 @@ CATALOGUES = {
     "models.md": catalogue.models_parts,
     "schemes.md": catalogue.schemes_parts,
     "damping.md": damping_orders.parts,
+    "gradients.md": gradient_schemes.parts,
 }
 CHAPTERS = {
     "beyond-order-one": "[Beyond order one](method/beyond-order-one.md)",

@@ -491,6 +491,15 @@ int symsde_path_gradient(symsde_model model, symsde_model wide, symsde_scheme sc
                          symsde_path_function f, void *user, double *value, double *by_q, double *by_p, int32_t *codes,
                          int64_t *failed_step, symsde_report *report, symsde_error *error);
 
+/* Tangent vectors of each path, v[nvector][2 ndof][paths], dq and then dp: in at the beginning, out at the end. The last
+ * nparameter vectors are derivatives by the parameters of `wide`, and begin at zero. With turn > 0 (without parameters)
+ * vectors are made orthonormal every `turn` steps and at the end, v = Q R, and logs[nvector][paths] has the sums of
+ * log R_ii: divided by the time these are Lyapunov exponents. last_q, last_p[ndof][paths]: the state at the end. */
+int symsde_path_tangent(symsde_model model, symsde_model wide, symsde_scheme scheme, const symsde_options *options,
+                        const symsde_input *input, int nparameter, int64_t nrow, const double *parameters, int nvector,
+                        int64_t turn, double *v, double *logs, double *last_q, double *last_p, int32_t *codes,
+                        int64_t *failed_step, symsde_report *report, symsde_error *error);
+
 /* Parts of an ensemble merge to the bits of the whole. A part consists of the paths j 2^k .. (j+1) 2^k - 1, k >= 8, by
  * global index (the last part may end earlier). Two siblings, j even on the left and j + 1 on the right, merge into part
  * j/2 of 2^(k+1) paths: n_ok[ntime], mean and m2[ntime][nvalue] of the left part become those of both. */

@@ -49,6 +49,7 @@ from .run.report import Report
 from .run.simulate import Run, simulate
 from .run.step import increments, step
 from .run.sweep import Sweep, sweep
+from .run.tangent import Lyapunov, Tangent, lyapunov, tangent
 from .schemes import Scheme
 from .studies.convergence import Convergence, convergence
 from .studies.study import WorkPrecision, work_precision
@@ -85,6 +86,7 @@ __all__ = [
     "FormulaModel",
     "Gradient",
     "LevelSampler",
+    "Lyapunov",
     "MeanSquare",
     "Model",
     "Moments",
@@ -100,6 +102,7 @@ __all__ = [
     "Scheme",
     "Sweep",
     "SymsdeError",
+    "Tangent",
     "Traits",
     "WorkPrecision",
     "__version__",
@@ -115,6 +118,7 @@ __all__ = [
     "increments",
     "level_sampler",
     "load",
+    "lyapunov",
     "mean_square",
     "mlmc",
     "model_from_sympy",
@@ -131,6 +135,7 @@ __all__ = [
     "status_text",
     "step",
     "sweep",
+    "tangent",
     "thermostat",
     "work_precision",
 ]

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> symsde_path_gradient: derivatives of a function of the path by the exact discrete adjoint.
+!> symsde_path_gradient: derivatives of a function of the path by the exact discrete adjoint. symsde_path_tangent:
+!> tangent vectors and Lyapunov exponents.
 module symsde_capi_gradient
    use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, c_ptr
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
@@ -15,6 +16,7 @@ module symsde_capi_gradient
    use symsde_capi_scheme, only: find_scheme
    use symsde_diagnose_sweep_gradient, only: path_gradient
    use symsde_diagnose_sweep_path_function, only: path_function
+   use symsde_diagnose_sweep_tangent, only: path_tangent
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_options, only: run_options, saved_count
    use symsde_ensemble_run_report, only: run_report
@@ -22,7 +24,7 @@ module symsde_capi_gradient
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: symsde_path_gradient
+   public :: symsde_path_gradient, symsde_path_tangent
 
    !> A C function of the path. All threads share the object as intent(in); the record of failure is a pointer.
    type, extends(path_function) :: callback_function
@@ -121,6 +123,76 @@ contains
       if (code == 0 .and. associated(m)) code = m%failure_code()
       status = end_run(refusal, code, outcome, report, error)
    end function symsde_path_gradient
+
+   !> Take tangent vectors through all steps of each path.
+   function symsde_path_tangent(model, wide, scheme, options, input, nparameter, nrow, parameters, nvector, turn, v, &
+                                logs, last_q, last_p, codes, failed_step, report, error) result(status) &
+      bind(c, name='symsde_path_tangent')
+      type(c_ptr), intent(in), value :: model, wide, scheme, options, input
+      integer(c_int), intent(in), value :: nparameter
+      integer(c_int64_t), intent(in), value :: nrow     !! values of each parameter: paths, or 1
+      type(c_ptr), intent(in), value :: parameters      !! [nparameter][nrow]
+      integer(c_int), intent(in), value :: nvector
+      integer(c_int64_t), intent(in), value :: turn
+      type(c_ptr), intent(in), value :: v, logs, last_q, last_p, codes, failed_step, report, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: m, w
+      class(model_type), allocatable, target :: own, own_wide
+      type(scheme_type), pointer :: s
+      type(run_options) :: o
+      type(run_input) :: from
+      type(initial_state) :: start
+      type(run_report) :: outcome
+      real(wp), pointer, contiguous :: theta(:, :), vectors(:, :, :), sums(:, :), q(:, :), p(:, :)
+      real(wp), target :: nothing(1, 0)
+      integer(i4), pointer, contiguous :: stati(:)
+      integer(i8), pointer, contiguous :: steps(:)
+      integer(i8) :: n
+      integer :: code
+
+      call use_model(model, own, m, refusal)
+      call use_model(wide, own_wide, w, refusal)
+      call find_scheme(scheme, s, refusal)
+      call read_options(options, o, refusal)
+      call check_report(report, refusal)
+      call require(v, 'v', refusal)
+      call require(logs, 'logs', refusal)
+      call require(last_q, 'last_q', refusal)
+      call require(last_p, 'last_p', refusal)
+      call require(codes, 'codes', refusal)
+      call require(failed_step, 'failed_step', refusal)
+      if (nparameter < 0) call raise(refusal, invalid_argument, 'symsde_path_tangent', 'nparameter = '// &
+                                     to_text(nparameter)//' is negative: give the number of parameters, or 0')
+      if (nvector < max(1, nparameter)) &
+         call raise(refusal, invalid_argument, 'symsde_path_tangent', 'nvector = '//to_text(nvector)// &
+                    ' is too small: give at least one vector, and one for each parameter')
+      if (turn < 0) call raise(refusal, invalid_argument, 'symsde_path_tangent', 'turn = '//to_text(turn)// &
+                               ' is negative: give a number of steps, or 0 for tangent maps')
+      if (nparameter > 0) call require(parameters, 'parameters', refusal)
+      if (.not. allocated(refusal)) then
+         call read_input(input, m%traits%ndof, o%npath, from, refusal)
+         call check_sizes(int(nvector, i8), 2_i8*m%traits%ndof, o%npath, 'v', refusal)
+         call check_sizes(int(nparameter, i8), nrow, 1_i8, 'parameters', refusal)
+      end if
+      if (.not. allocated(refusal)) then
+         n = m%traits%ndof
+         theta => nothing
+         if (nparameter > 0) call view(parameters, nrow, int(nparameter, i8), theta)
+         call view(v, o%npath, 2*n, int(nvector, i8), vectors)
+         call view(logs, o%npath, int(nvector, i8), sums)
+         call view(last_q, o%npath, n, q)
+         call view(last_p, o%npath, n, p)
+         call view(codes, o%npath, stati)
+         call view(failed_step, o%npath, steps)
+         call begin_at(start, from)
+         call path_tangent(m, w, s, o, start, theta, turn, vectors, sums, q, p, stati, steps, outcome, refusal, &
+                           from%dw, from%monitor)
+      end if
+      code = 0
+      if (associated(m)) code = m%failure_code()
+      status = end_run(refusal, code, outcome, report, error)
+   end function symsde_path_tangent
 
    !> Call the function until it has failed once; derivatives that it does not write are zero, and so are the
    !> derivatives of failed calls, whose values are NaN.

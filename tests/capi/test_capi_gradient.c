@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
  * Gradients of a function of the path: by the initial state against the rotation that Kubo's oscillator is, by a
- * parameter against differences of runs.
+ * parameter against differences of runs; tangent vectors against both.
  */
 #include "run.h"
 
@@ -130,6 +130,32 @@ int main(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "f is NULL",
           symsde_path_gradient(model, model, scheme, &options, &input, 0, 1, NULL, NULL, NULL, value, by_q, by_p,
                                status, failed_step, NULL, &error));
+
+   /* tangent vectors: the columns of the rotation, and the derivative by sigma */
+   static double v[3][2][PATHS], logs[3][PATHS], q_end[PATHS], p_end[PATHS];
+   for (int i = 0; i < PATHS; i++) {
+      v[0][0][i] = v[1][1][i] = 1;
+   }
+   OK(symsde_path_tangent(model, wide, scheme, &options, &input, 1, 1, &sigma, 3, 0, &v[0][0][0], &logs[0][0], q_end,
+                          p_end, status, failed_step, &report, &error));
+   run_with(sigma, &a);
+   worst = 0;
+   for (int i = 0; i < PATHS; i++) {
+      worst = fmax(worst, fabs(v[0][0][i] - a.last_q[i]) + fabs(v[1][0][i] + a.last_p[i]));
+      worst = fmax(worst, fabs(v[0][1][i] - a.last_p[i]) + fabs(v[1][1][i] - a.last_q[i]));
+      worst = fmax(worst, fabs(v[2][0][i] - by_q[PATHS + i]) / size);
+      CHECK(q_end[i] == a.last_q[i] && p_end[i] == a.last_p[i]);
+   }
+   CHECK(worst < 1e-12);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nvector = 0",
+          symsde_path_tangent(model, wide, scheme, &options, &input, 1, 1, &sigma, 0, 0, &v[0][0][0], &logs[0][0],
+                              q_end, p_end, status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "turn = -1",
+          symsde_path_tangent(model, model, scheme, &options, &input, 0, 1, NULL, 2, -1, &v[0][0][0], &logs[0][0],
+                              q_end, p_end, status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "logs is NULL",
+          symsde_path_tangent(model, model, scheme, &options, &input, 0, 1, NULL, 2, 1, &v[0][0][0], NULL, q_end, p_end,
+                              status, failed_step, NULL, &error));
    symsde_scheme_delete(&kicks);
    symsde_scheme_delete(&scheme);
    symsde_model_delete(&wide);

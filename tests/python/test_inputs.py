@@ -142,6 +142,8 @@ OWN = {
         {"paths": PATHS, "wrt": ["a", "q0"], "common_noise": (1,), "truncation": (8, 4.0)},
         {"paths": PATHS, "wrt": ["p0"], "increments": INCREMENTS[::2]},
     ],
+    "tangent": [{"paths": PATHS, "wrt": ["a"], "common_noise": (1,), "truncation": (8, 4.0)}],
+    "lyapunov": [{"paths": PATHS, "count": 2, "common_noise": (1,), "truncation": (8, 4.0)}],
     "prepare": [
         {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
         {"compensated": True, **LOW, "paths": 3},
@@ -367,6 +369,16 @@ def gradient_seen(found):
     return [seen(x) for x in (found.f, found.value, found.values, found.by_path)]
 
 
+def tangent_seen(found):
+    """Tangent maps."""
+    return [seen(x) for x in (found.matrix, found.by, found.q)]
+
+
+def lyapunov_seen(found):
+    """Exponents of each path."""
+    return [seen(x) for x in (found.exponents, found.by_path)]
+
+
 def prepared_seen(run):
     """States from the present step on, and after a reset."""
     first = run_seen(run.run(2))
@@ -405,6 +417,8 @@ LOOKS = {
     ss.Moments: moments_seen,
     ss.Sweep: sweep_seen,
     ss.Gradient: gradient_seen,
+    ss.Tangent: tangent_seen,
+    ss.Lyapunov: lyapunov_seen,
     ss.PreparedRun: prepared_seen,
     ss.LevelSampler: sampler_seen,
     Draw: draw_seen,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -90,29 +90,24 @@ def gradient(
     more, with the same bits. Schemes and models without exact derivatives are refused with the reason.
     """
     require_model(model)
-    names = [wrt] if isinstance(wrt, str) else checks.items(wrt)
+    names, known = names_of(wrt, model)
     if not names:
         raise InvalidArgumentError('wrt is empty: give names, as ["sigma", "q0"]')
-    names = [checks.name_of("name in wrt", x) for x in names]
-    if len(set(names)) < len(names):
-        raise InvalidArgumentError(f"wrt = {checks.shown(wrt)} holds a name twice: give each once")
     states = [x for x in names if x in _STATES]
-    known = parameter_names(model, [x for x in names if x not in _STATES])
     allow_failed = checks.flag("allow_failed", allow_failed)
-    if options.get("compensated"):
-        raise IncompatibleError("compensated sums have the derivatives of plain ones: leave compensated out")
+    refuse_compensated(options)
     options.setdefault("save_every", max(1, checks.integer("steps", steps)))
     setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, **options)
     wide, positions = wide_model(model, known)
     function = _function_of(f, model, positions, len(known))
     found = _Found(setup, len(positions))
     with Monitor(progress, in_python=True) as monitor:
-        for part in _parts(setup, wide.ndof):
+        for part in groups_of(setup, wide.ndof):
             found.fill(part, wide, positions, function, monitor)
     return found.told(names, known, positions, states, allow_failed=allow_failed)
 
 
-def _parts(setup: Setup, nwide: int) -> Iterator[slice]:
+def groups_of(setup: Setup, nwide: int) -> Iterator[slice]:
     """Groups of paths that are run at once: states between pieces and at saved times are kept for each path."""
     each = 2 * setup.model.ndof * (3 * setup.ntime + setup.options.steps // 100 + 2) + nwide
     most = max(_UNIT, _NUMBERS // each // _UNIT * _UNIT)
@@ -135,11 +130,8 @@ class _Found:
     def fill(self, part: slice, wide: Model, positions: list[str], function: Callable, monitor: Monitor) -> None:
         """Run some of the paths."""
         whole, paths = self.setup, part.stop - part.start
-        setup = whole if paths == whole.paths else _part_of(whole, part)
-        values = [np.atleast_1d(whole.model.parameters[name]) for name in positions]
-        rows = max((x.size for x in values), default=1)
-        theta = np.array([np.broadcast_to(x if x.size == 1 else x[part], paths if rows > 1 else 1) for x in values])
-        theta = np.ascontiguousarray(theta, dtype=float)
+        setup = whole if paths == whole.paths else part_of(whole, part)
+        theta = values_of(whole.model, positions, part)
         out = [np.empty((*x.shape[:-1], paths), x.dtype) for x in self._arrays()]
         report = handles.new(abi.Report, "report")
         failures = callbacks.Failures()
@@ -192,8 +184,8 @@ class _Found:
         rows = {"q0": self.by_q[:ndof], "p0": self.by_p}
         rows |= {name: self.by_q[ndof + positions.index(name)] for name in known}
         by_path = {self_name: rows[self_name] for self_name in _in_order(names, known, states)}
-        means = {name: _mean(x[..., ok]) for name, x in by_path.items()}
-        value, value_se = _mean(self.f[ok])
+        means = {name: mean_of(x[..., ok]) for name, x in by_path.items()}
+        value, value_se = mean_of(self.f[ok])
         return Gradient(
             value=value,
             value_se=value_se,
@@ -207,6 +199,33 @@ class _Found:
         )
 
 
+def values_of(model: Model, positions: list[str], part: slice) -> np.ndarray:
+    """Values of parameters for some paths, or one for all: (parameter, 1 or path)."""
+    values = [np.atleast_1d(model.parameters[name]) for name in positions]
+    rows = part.stop - part.start if any(x.size > 1 for x in values) else 1
+    theta = np.empty((len(values), rows))
+    for row, x in zip(theta, values, strict=True):
+        row[:] = x if x.size == 1 else x[part]
+    return theta
+
+
+def names_of(wrt: object, model: Model) -> tuple[list[str], list[str]]:
+    """The names of wrt, and those among them that are parameters, as the model has them."""
+    names = [wrt] if isinstance(wrt, str) else checks.items(wrt)
+    if names is None:
+        raise WrongTypeError(f'wrt = {checks.shown(wrt)} holds no names: give them as ["sigma", "q0"]')
+    names = [checks.name_of("name in wrt", x) for x in names]
+    if len(set(names)) < len(names):
+        raise InvalidArgumentError(f"wrt = {checks.shown(wrt)} holds a name twice: give each once")
+    return names, parameter_names(model, [x for x in names if x not in _STATES])
+
+
+def refuse_compensated(options: Mapping[str, Any]) -> None:
+    """Refuse compensated sums."""
+    if options.get("compensated"):
+        raise IncompatibleError("compensated sums have the derivatives of plain ones: leave compensated out")
+
+
 def _in_order(names: list[str], known: list[str], states: list[str]) -> Iterator[str]:
     """The names of wrt, with parameters under the model's own names."""
     parameters, of_states = iter(known), iter(states)
@@ -214,7 +233,7 @@ def _in_order(names: list[str], known: list[str], states: list[str]) -> Iterator
         yield next(of_states) if name in _STATES else next(parameters)
 
 
-def _mean(x: np.ndarray) -> tuple[Any, Any]:
+def mean_of(x: np.ndarray) -> tuple[Any, Any]:
     """Mean over paths and its standard error."""
     mean = x.mean(axis=-1)
     n = x.shape[-1]
@@ -222,7 +241,7 @@ def _mean(x: np.ndarray) -> tuple[Any, Any]:
     return (float(mean), float(error)) if np.ndim(mean) == 0 else (mean, error)
 
 
-def _part_of(setup: Setup, part: slice) -> Setup:
+def part_of(setup: Setup, part: slice) -> Setup:
     """The run of some of the paths."""
     options = abi.Options.from_buffer_copy(setup.options)
     options.first_path += part.start

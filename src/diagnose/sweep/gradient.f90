@@ -8,12 +8,13 @@
 !> it is taken forward once with the states between pieces kept; then, from the last piece to the first, each is taken
 !> forward again, with the same bits, and back.
 module symsde_diagnose_sweep_gradient
+   use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape, incompatible, callback_failed
    use symsde_base_text, only: to_text
-   use symsde_diagnose_sweep_backward, only: backward_plan, backward_observer, numbers_of_step, rest
+   use symsde_diagnose_sweep_sweeper, only: sweep_plan, sweep_observer, numbers_of_step, rest
    use symsde_diagnose_sweep_path_function, only: path_function
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type, tell_warnings
@@ -29,7 +30,7 @@ module symsde_diagnose_sweep_gradient
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: path_gradient
+   public :: path_gradient, steps_at_once, require_plain
 
    character(*), parameter :: place = 'path_gradient'
    real(wp), parameter :: room = 7e6_wp/8   !! numbers that a thread may keep of the steps of its block
@@ -41,7 +42,7 @@ module symsde_diagnose_sweep_gradient
       type(scheme_type), pointer :: scheme => null()
       class(path_function), pointer :: f => null()
       class(monitor_type), pointer :: monitor => null()
-      type(backward_plan), pointer :: plan => null()
+      type(sweep_plan), pointer :: plan => null()
       real(wp), pointer, contiguous :: dw(:, :, :) => null()  !! prescribed increments, or null
       integer(i8), allocatable :: ends(:)                     !! steps of the run before each piece, and all steps
       type(ensemble_type) :: ensemble                         !! makes the steps of every piece
@@ -75,8 +76,8 @@ contains
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional, target :: monitor
       type(stepper_task), target :: task
-      type(backward_plan), target :: plan
-      type(backward_observer) :: observer
+      type(sweep_plan), target :: plan
+      type(sweep_observer) :: observer
       type(monitor_type), target :: none
       type(long_run), target :: run
       integer :: most
@@ -93,12 +94,12 @@ contains
       c = 0
       status = 0
       failed_step = -1
-      plan = backward_plan(task=task, model=model, wide=wide, asked=scheme%asks%needed_for(model%traits), &
-                           t0=options%t0, h=options%step, first_path=options%first_path, origin=options%first_step, &
-                           first=options%first_step, every=options%save_every, theta=theta, u=u, c=c, value=value, &
-                           status=status, failed_step=failed_step)
+      plan = sweep_plan(task=task, model=model, wide=wide, asked=scheme%asks%needed_for(model%traits), &
+                        t0=options%t0, h=options%step, first_path=options%first_path, origin=options%first_step, &
+                        first=options%first_step, every=options%save_every, theta=theta, u=u, c=c, value=value, &
+                        status=status, failed_step=failed_step)
       observer%plan => plan
-      most = max(rest, int(room/(real(padded(choose_nlane(options, model)), wp)*numbers_of_step(model, plan%asked))))
+      most = steps_at_once(options, model, plan%asked)
       run%options = options
       run%options%save_every = 1
       if (options%nstep <= most) then
@@ -117,6 +118,16 @@ contains
       call cut(options%nstep, options%save_every, most, run%ends)
       call in_pieces(run, from, observer, report, error)
    end subroutine path_gradient
+
+   !> Steps that a thread keeps of its block.
+   pure integer function steps_at_once(options, model, asked)
+      type(run_options), intent(in) :: options
+      class(model_type), intent(in) :: model
+      type(functional_set), intent(in) :: asked
+
+      steps_at_once = int(room/(real(padded(choose_nlane(options, model)), wp)*numbers_of_step(model, asked)))
+      steps_at_once = max(rest, steps_at_once)
+   end function steps_at_once
 
    !> Refuse compensated sums, and a wrong number of parameters or of their rows.
    subroutine require_plain(options, nrow, nparameter, needed, error)
@@ -139,7 +150,7 @@ contains
    subroutine in_pieces(run, from, observer, report, error)
       type(long_run), intent(inout), target :: run
       type(initial_state), intent(in) :: from
-      type(backward_observer), intent(in) :: observer
+      type(sweep_observer), intent(in) :: observer
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable, target, dimension(:, :, :) :: ends_q, ends_p  !! states before pieces (npath, ndof, :)
@@ -225,7 +236,7 @@ contains
    subroutine backward(self, ends_q, ends_p, observer, error)
       class(long_run), intent(inout), target :: self
       real(wp), intent(in), target, contiguous :: ends_q(:, :, :), ends_p(:, :, :)   !! (npath, ndof, npiece + 1)
-      type(backward_observer), intent(in) :: observer
+      type(sweep_observer), intent(in) :: observer
       type(error_type), allocatable, intent(inout) :: error
       integer :: i
 

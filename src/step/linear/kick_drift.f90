@@ -10,6 +10,8 @@
 !> map is linear in the weights, so the kick that ends a step and the kick that begins the next step, both at q_{n+1},
 !> are done as one kick, with the sums of their weights.
 !>
+!> Tangent vectors go the same way forward: dp <- dp - b_1 U_qq dq, dq <- dq + T_pp dp, dp <- dp - b_2 U_qq dq.
+!>
 !> Rows of the parameters: u_theta <- u_theta - b U_{theta q} c and + T_{theta p} u, by the same products.
 !>
 !> Private to its family.
@@ -35,6 +37,7 @@ module symsde_step_linear_kick_drift
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
    contains
       procedure :: back
+      procedure :: forth
       procedure :: settle
    end type kick_drift_step
 
@@ -134,6 +137,68 @@ contains
       self%w = 0
    end subroutine settle
 
+   subroutine forth(self, step, q0, p0, q1, p1, m, vq, vp, status)
+      class(kick_drift_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+      integer, intent(in) :: m
+      real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+      integer(i8), intent(inout) :: status(self%nlane)
+      integer :: i, j
+
+      call move_momenta(self%part(1), step%t, q0, p0)
+      if (self%by_h) then
+         do j = 1, m
+            do i = 1, self%ndof
+               vq(:, i, j) = vq(:, i, j) + step%w(:, 0)*vp(:, i, j)
+            end do
+         end do
+      else
+         call load_between(self, step, q0, p0)
+         do j = 1, m
+            self%vq = vq(:, :, j)
+            self%vp(:, :self%ndof) = vp(:, :, j)
+            call self%ham%bare_product(self%nlane, self%nlane, step%t, step%w, self%q, self%p, self%vq, self%vp, &
+                                       self%uq, self%up)
+            vq(:, :self%ndof, j) = vq(:, :self%ndof, j) + self%up(:, :self%ndof)
+         end do
+      end if
+      call move_momenta(self%part(2), step%t + step%h, q1, p1)
+
+   contains
+
+      !> dp <- dp - b (U_qq dq + U_q,theta dtheta)
+      subroutine move_momenta(part, t, q, p)
+         real(wp), intent(in) :: part, t
+         real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+         integer :: column
+
+         if (.not. part > 0) return
+         call self%load(q, p)
+         self%vp = 0
+         do column = 1, m
+            self%vq = vq(:, :, column)
+            call self%ham%bare_product(self%nlane, self%nlane, t, step%w, self%q, self%p, self%vq, self%vp, &
+                                       self%uq, self%up)
+            vp(:, :, column) = vp(:, :, column) - part*self%uq(:, :self%ndof)
+         end do
+      end subroutine move_momenta
+
+   end subroutine forth
+
+   !> The point between the kicks.
+   subroutine load_between(self, step, q0, p0)
+      type(kick_drift_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+
+      call self%load(q0, p0)
+      if (.not. self%part(1) > 0) return
+      call self%ham%bare_gradient(self%nlane, step%t, step%w, self%q, self%p, hq=self%uq)
+      self%p(:, :self%ndof) = self%p(:, :self%ndof) - self%part(1)*self%uq(:, :self%ndof)
+   end subroutine load_between
+
    subroutine add_weights(self, part, w)
       type(kick_drift_step), intent(inout) :: self
       real(wp), intent(in) :: part
@@ -157,7 +222,8 @@ contains
 
       call self%load(q, p)
       self%vq(:, :self%ndof) = c
-      self%vp(:, :self%ndof) = 0
+      self%vq(:, self%ndof + 1:) = 0
+      self%vp = 0
       call self%ham%bare_product(self%nlane, self%nlane, self%t, self%w, self%q, self%p, self%vq, self%vp, &
                                  self%uq, self%up)
       do i = 1, self%nwide
@@ -175,12 +241,8 @@ contains
       real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
       integer :: i
 
-      call self%load(q0, p0)
-      if (self%part(1) > 0) then
-         call self%ham%bare_gradient(self%nlane, step%t, step%w, self%q, self%p, hq=self%uq)
-         self%p(:, :self%ndof) = self%p(:, :self%ndof) - self%part(1)*self%uq(:, :self%ndof)
-      end if
-      self%vq(:, :self%ndof) = 0
+      call load_between(self, step, q0, p0)
+      self%vq = 0
       self%vp(:, :self%ndof) = u(:, :self%ndof)
       call self%ham%bare_product(self%nlane, self%nlane, step%t, step%w, self%q, self%p, self%vq, self%vp, &
                                  self%uq, self%up)

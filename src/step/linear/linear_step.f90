@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linearised map of one step, transposed: exact, along the path that a stepper has taken.
+!> The linearised map of one step and its transpose: exact, along the path that a stepper has taken.
 !>
 !>    z_{n+1} = F(z_n; theta),   lambda_n = F_z^T lambda_{n+1},   g_theta <- g_theta + F_theta^T lambda_{n+1}
+!>                               v_{n+1} = F_z v_n + F_theta dtheta
 !>
 !> with lambda = (u, c) the covectors of q and p: u = dJ/dq, c = dJ/dp of a functional J of the path behind the step.
 !>
@@ -26,6 +27,7 @@ module symsde_step_linear_linear_step
       real(wp), allocatable :: q(:, :), p(:, :)   !! a state of the wide model (nlane, nwide)
    contains
       procedure(back_interface), deferred :: back
+      procedure(forth_interface), deferred :: forth
       procedure :: settle => nothing_left
       procedure :: set_parameters
       procedure :: load
@@ -44,6 +46,18 @@ module symsde_step_linear_linear_step
          real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
          integer(i8), intent(inout) :: status(self%nlane)
       end subroutine back_interface
+
+      !> Take m tangent vectors (dq, dtheta), dp from before the step to behind it; dtheta stays.
+      subroutine forth_interface(self, step, q0, p0, q1, p1, m, vq, vp, status)
+         import :: linear_step, step_record, wp, i8
+         class(linear_step), intent(inout) :: self
+         type(step_record), intent(in) :: step
+         real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+         real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+         integer, intent(in) :: m
+         real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+         integer(i8), intent(inout) :: status(self%nlane)
+      end subroutine forth_interface
    end interface
 
 contains

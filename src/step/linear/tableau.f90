@@ -14,6 +14,11 @@
 !> c <- E c + sum e_j y_j, and u_theta <- u_theta + sum_j (Hhat_{theta p} m_j - Hhat_{theta q} n_j). If noise and drift
 !> have different coefficients, each part has slopes of its own, as in the general stepper, and x_j, y_j are their sums.
 !>
+!> Tangent vectors take Newton's own matrix: with X_i = dQ_i, Y_i = dP_i,
+!>
+!>    X_i = dq + sum_j a_ij f_j,           f_j = Hhat_pq X_j + Hhat_pp Y_j + Hhat_{p theta} dtheta
+!>    Y_i = e_i dp + sum_j abar_ij e_ij g_j,   g_j = -(Hhat_qq X_j + Hhat_qp Y_j + Hhat_{q theta} dtheta)
+!>
 !> The point of a single stage follows from the increments of the step; several stages are found again by the general
 !> stepper.
 !>
@@ -48,6 +53,7 @@ module symsde_step_linear_tableau
       real(wp), allocatable, dimension(:, :) :: dq, dp, mq, mp   !! (nlane, ndof)
    contains
       procedure :: back
+      procedure :: forth
    end type tableau_step
 
 contains
@@ -105,22 +111,9 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: j, k, l, part
 
-      call self%decays%set_step(step%h)
-      self%w(:, :, 1) = step%w
-      if (self%npart == 2) then
-         self%w(:, 1:, 1) = 0
-         self%w(:, 1:, 2) = step%w(:, 1:)
-      end if
-      call find_slopes(self, step, q0, p0, q1, p1, status)
-      do j = 1, self%nstage
-         call load_stage(self, j, q0, p0)
-         do part = 1, self%npart
-            call self%ham%bare_gradient_hessian(self%nlane, step%t + self%c(j)*step%h, self%w(:, :, part), self%q, &
-                                                self%p, hqq=self%hqq(:, :, :, j, part), &
-                                                hqp=self%hqp(:, :, :, j, part), hpp=self%hpp(:, :, :, j, part))
-         end do
-      end do
-      call set_up(self, u, c)
+      call linearise(self, step, q0, p0, q1, p1, status)
+      call set_up(self)
+      call load_covectors(self, u, c)
       call self%solver%solve(self%matrix, self%x, status == 0, status)
       ! the rows of the parameters, with u and c from behind the step
       do j = 1, self%nstage
@@ -144,6 +137,131 @@ contains
          end do
       end associate
    end subroutine back
+
+   !> Hessians at all stages, of every part.
+   subroutine linearise(self, step, q0, p0, q1, p1, status)
+      type(tableau_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+      integer(i8), intent(inout) :: status(self%nlane)
+      integer :: j, part
+
+      call self%decays%set_step(step%h)
+      self%w(:, :, 1) = step%w
+      if (self%npart == 2) then
+         self%w(:, 1:, 1) = 0
+         self%w(:, 1:, 2) = step%w(:, 1:)
+      end if
+      call find_slopes(self, step, q0, p0, q1, p1, status)
+      do j = 1, self%nstage
+         call load_stage(self, j, q0, p0)
+         do part = 1, self%npart
+            call self%ham%bare_gradient_hessian(self%nlane, step%t + self%c(j)*step%h, self%w(:, :, part), self%q, &
+                                                self%p, hqq=self%hqq(:, :, :, j, part), &
+                                                hqp=self%hqp(:, :, :, j, part), hpp=self%hpp(:, :, :, j, part))
+         end do
+      end do
+   end subroutine linearise
+
+   subroutine forth(self, step, q0, p0, q1, p1, m, vq, vp, status)
+      class(tableau_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+      integer, intent(in) :: m
+      real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+      integer(i8), intent(inout) :: status(self%nlane)
+      real(wp), allocatable :: transposed(:, :, :)
+      integer :: j, column, part, at
+
+      call linearise(self, step, q0, p0, q1, p1, status)
+      call set_up(self)
+      allocate (transposed(size(self%matrix, 1), size(self%matrix, 2), size(self%matrix, 2)))
+      do j = 1, size(self%matrix, 2)
+         transposed(:, :, j) = self%matrix(:, j, :)
+      end do
+      associate (n => self%ndof, decays => self%decays)
+         do column = 1, m
+            call load_tangents(self, vq(:, :, column), vp(:, :, column))
+            call self%solver%solve(transposed, self%x, status == 0, status)
+            do j = 1, n
+               vp(:, j, column) = (1 + decays%loss(j))*vp(:, j, column)
+            end do
+            ! slopes of all stages, with dq from before the step in the sums of stages alone
+            do part = 1, self%npart
+               do j = 1, self%nstage
+                  call slope_tangents(self, j, part, vq(:, :, column))
+                  do at = 1, n
+                     self%slope(:, at, j, part) = self%mq(:, at)
+                     self%slope(:, n + at, j, part) = self%mp(:, at)
+                  end do
+               end do
+            end do
+            do part = 1, self%npart
+               do j = 1, self%nstage
+                  do at = 1, n
+                     vq(:, at, column) = vq(:, at, column) + self%alpha(j, part)*self%slope(:, at, j, part)
+                     vp(:, at, column) = vp(:, at, column) + self%alpha(j, part)*decays%finish(j, at) &
+                                         *self%slope(:, n + at, j, part)
+                  end do
+               end do
+            end do
+         end do
+      end associate
+   end subroutine forth
+
+   !> Right-hand sides of X_i, Y_i: dq and e_i dp, with the parameters' part of the slopes.
+   subroutine load_tangents(self, vq, vp)
+      type(tableau_step), intent(inout) :: self
+      real(wp), intent(in) :: vq(self%nlane, self%nwide), vp(self%nlane, self%ndof)
+      integer :: i, j, k, l, part, at
+
+      associate (n => self%ndof)
+         do i = 1, self%nstage
+            at = 2*n*(i - 1)
+            do k = 1, n
+               self%x(:, at + k) = vq(:, k)
+               self%x(:, at + n + k) = self%decays%begin(i, k)*vp(:, k)
+               do part = 1, self%npart
+                  do j = 1, self%nstage
+                     do l = n + 1, self%nwide
+                        self%x(:, at + k) = self%x(:, at + k) + self%a(i, j, part)*self%hqp(:, l, k, j, part)*vq(:, l)
+                        self%x(:, at + n + k) = self%x(:, at + n + k) - self%abar(i, j, part)* &
+                                                self%decays%between(i, j, k)*self%hqq(:, k, l, j, part)*vq(:, l)
+                     end do
+                  end do
+               end do
+            end do
+         end do
+      end associate
+   end subroutine load_tangents
+
+   !> f_j and g_j of stage j, in mq and mp, from the solution X, Y.
+   subroutine slope_tangents(self, j, part, vq)
+      type(tableau_step), intent(inout) :: self
+      integer, intent(in) :: j, part
+      real(wp), intent(in) :: vq(self%nlane, self%nwide)
+      integer :: k, l, at
+
+      associate (n => self%ndof)
+         at = 2*n*(j - 1)
+         do k = 1, n
+            self%mq(:, k) = 0
+            self%mp(:, k) = 0
+            do l = 1, n
+               self%mq(:, k) = self%mq(:, k) + self%hqp(:, l, k, j, part)*self%x(:, at + l) + &
+                               self%hpp(:, k, l, j, part)*self%x(:, at + n + l)
+               self%mp(:, k) = self%mp(:, k) - self%hqq(:, k, l, j, part)*self%x(:, at + l) - &
+                               self%hqp(:, k, l, j, part)*self%x(:, at + n + l)
+            end do
+            do l = n + 1, self%nwide
+               self%mq(:, k) = self%mq(:, k) + self%hqp(:, l, k, j, part)*vq(:, l)
+               self%mp(:, k) = self%mp(:, k) - self%hqq(:, k, l, j, part)*vq(:, l)
+            end do
+         end do
+      end associate
+   end subroutine slope_tangents
 
    !> F_j and G_j of all stages: from the increments if there is one slope of each, else by the general stepper.
    subroutine find_slopes(self, step, q0, p0, q1, p1, status)
@@ -195,16 +313,14 @@ contains
       end associate
    end subroutine load_stage
 
-   !> Matrix and right-hand side of the system for x_j, y_j.
-   subroutine set_up(self, u, c)
+   !> Matrix of the system for x_j, y_j.
+   subroutine set_up(self)
       type(tableau_step), intent(inout) :: self
-      real(wp), intent(in) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
       real(wp) :: am, an
       integer :: i, j, k, l, n, part, row, column
 
       n = self%ndof
       self%matrix = 0
-      self%x = 0
       do row = 1, size(self%x, 2)
          self%matrix(:, row, row) = 1
       end do
@@ -212,15 +328,6 @@ contains
          do j = 1, self%nstage
             row = 2*n*(j - 1)
             do l = 1, n
-               am = self%alpha(j, part)
-               an = am*self%decays%finish(j, l)
-               do k = 1, n
-                  associate (qq => self%hqq(:, k, l, j, part), qp => self%hqp(:, k, l, j, part), &
-                             pq => self%hqp(:, l, k, j, part), pp => self%hpp(:, k, l, j, part))
-                     self%x(:, row + k) = self%x(:, row + k) + am*qp*u(:, l) - an*qq*c(:, l)
-                     self%x(:, row + n + k) = self%x(:, row + n + k) + am*pp*u(:, l) - an*pq*c(:, l)
-                  end associate
-               end do
                do i = 1, self%nstage
                   column = 2*n*(i - 1)
                   am = self%a(i, j, part)
@@ -240,6 +347,33 @@ contains
          end do
       end do
    end subroutine set_up
+
+   !> Right-hand sides of x_j, y_j.
+   subroutine load_covectors(self, u, c)
+      type(tableau_step), intent(inout) :: self
+      real(wp), intent(in) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp) :: am, an
+      integer :: j, k, l, n, part, row
+
+      n = self%ndof
+      self%x = 0
+      do part = 1, self%npart
+         do j = 1, self%nstage
+            row = 2*n*(j - 1)
+            am = self%alpha(j, part)
+            do l = 1, n
+               an = am*self%decays%finish(j, l)
+               do k = 1, n
+                  associate (qq => self%hqq(:, k, l, j, part), qp => self%hqp(:, k, l, j, part), &
+                             pq => self%hqp(:, l, k, j, part), pp => self%hpp(:, k, l, j, part))
+                     self%x(:, row + k) = self%x(:, row + k) + am*qp*u(:, l) - an*qq*c(:, l)
+                     self%x(:, row + n + k) = self%x(:, row + n + k) + am*pp*u(:, l) - an*pq*c(:, l)
+                  end associate
+               end do
+            end do
+         end do
+      end do
+   end subroutine load_covectors
 
    !> The covectors m_j and n_j of the slopes of stage j, in mq and mp.
    subroutine slope_covectors(self, j, part, u, c)

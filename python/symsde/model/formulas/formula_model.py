@@ -277,6 +277,9 @@ class Code:
     root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
     decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
     direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
+    wide: dict[tuple, FormulaModel] = field(
+        default_factory=dict
+    )  #: names -> with these parameters as positions (wide.py)
 
 
 def _made(given: dict[str, Any]) -> FormulaModel:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ from ...native import checks
 from ..built_in import FORMULAS
 from ..definition import Model
 from .formula_model import FormulaModel, _made, model_from_sympy
-from .named_formulas import MAX_DOF
+from .named_formulas import MAX_DOF, Problem
 
 
 def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
@@ -36,12 +37,20 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
             f"{problem.ndof} degrees of freedom and {len(wanted)} parameters are more than {MAX_DOF} together: ask for "
             "fewer parameters at a time"
         )
-    symbols = {x.name: x for h in problem.hamiltonians for x in h.free_symbols}
-    told = {f"c{k}": name for k, name in enumerate(problem.parameters)}
-    places = {name: problem.ndof + wanted.index(name) for name in wanted}
+    others = {f"c{k}": model.parameters[x] for k, x in enumerate(problem.parameters) if x not in wanted}
+    key = tuple(wanted)
+    if key not in code.wide:
+        code.wide[key] = _derived(problem, wanted, others, model.name)
+    return code.wide[key].with_parameters(**others), wanted
+
+
+def _derived(problem: Problem, wanted: list[str], others: dict[str, float], name: str) -> FormulaModel:
+    """The wide model: coordinates x0, x1, .. and y0, y1, .., other parameters as they are called inside."""
+    places = {name: problem.ndof + k for k, name in enumerate(wanted)}
     new = {f"{letter}{i}": f"{other}{i}" for letter, other in ("qx", "py") for i in range(problem.ndof)}
-    new |= {c: f"x{places[name]}" for c, name in told.items() if name in places}
-    renamed = {x: type(x)(new[name], real=True) for name, x in symbols.items() if name in new}
+    new |= {f"c{k}": f"x{places[x]}" for k, x in enumerate(problem.parameters) if x in places}
+    symbols = {x.name: x for h in problem.hamiltonians for x in h.free_symbols}
+    renamed = {x: type(x)(new[c], real=True) for c, x in symbols.items() if c in new}
     H, *noise = (h.xreplace(renamed) for h in problem.hamiltonians)
     count = problem.ndof + len(wanted)
     return _made(
@@ -50,7 +59,7 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
             "noise": noise,
             "q": [f"x{i}" for i in range(count)],
             "p": [f"y{i}" for i in range(count)],
-            "params": {c: model.parameters[name] for c, name in told.items() if name not in places},
+            "params": others,
             "t": None,
             "invariants": (),
             "n": None,
@@ -58,9 +67,9 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
             "damping": None,
             "force": None,
             "noise_force": None,
-            "name": model.name,
+            "name": name,
         }
-    ), wanted
+    )
 
 
 def _formulas(model: Model) -> FormulaModel:
@@ -68,12 +77,18 @@ def _formulas(model: Model) -> FormulaModel:
     if isinstance(model, FormulaModel):
         return model
     if model.name in FORMULAS and model.parameters:
-        H, *noise = FORMULAS[model.name]
-        return model_from_sympy(H, noise, params=model.parameters, name=model.name)
+        return _of_built_in(model.name, tuple(model.parameters)).with_parameters(**model.parameters)
     raise IncompatibleError(
         f"derivatives by parameters need the formulas of a model, and {model.name} has none: make it by "
         "model_from_sympy, or ask for those by q0 and p0"
     )
+
+
+@functools.cache
+def _of_built_in(name: str, parameters: tuple[str, ...]) -> FormulaModel:
+    """The formulas of a built-in model, for any values."""
+    H, *noise = FORMULAS[name]
+    return model_from_sympy(H, noise, params=dict.fromkeys(parameters, 0.5), name=name)
 
 
 def parameter_names(model: Model, wanted: Sequence[Any]) -> list[str]:

@@ -1,12 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The observer that keeps every step of its block, and after the last one takes covectors back through all of them.
+!> The observer that keeps every step of its block, and after the last one takes covectors back through all of them, or
+!> tangent vectors forward.
 !>
 !> Steps are taken forward by the stepper of the run, with its bits. States, increments and functionals are kept, n + 1
 !> states and n steps of a block. At the end of the piece the covectors come from the later piece of the same paths, or
 !> are zero; at each saved time the derivatives of f by the state are added.
 !>
+!> Tangent vectors v <- F_z v + F_theta dtheta grow like exp(lambda t). For Lyapunov exponents they are made orthonormal
+!> every few steps, v = Q R, and the logarithms of the diagonal of R are summed.
+!>
 !> Private to its family.
-module symsde_diagnose_sweep_backward
+module symsde_diagnose_sweep_sweeper
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i4, i8
@@ -21,13 +25,13 @@ module symsde_diagnose_sweep_backward
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: backward_plan, backward_observer, numbers_of_step, rest
+   public :: sweep_plan, sweep_observer, numbers_of_step, rest
 
    integer, parameter :: rest = 64   !! no part of a step is left over at multiples of so many steps after a saved time,
                                      !! wherever pieces end: a path has the same bits in any pieces
 
    !> Data that all threads read, and results, in which each thread writes the rows of its paths.
-   type :: backward_plan
+   type :: sweep_plan
       type(stepper_task), pointer :: task => null()
       class(model_type), pointer :: model => null(), wide => null()
       class(path_function), pointer :: f => null()    !! called here if the piece is the whole run
@@ -37,6 +41,7 @@ module symsde_diagnose_sweep_backward
       integer(i8) :: origin = 0                       !! first step of the run
       integer(i8) :: first = 0                        !! first step of this piece
       integer :: nstep = 0                            !! steps of this piece
+      integer(i8) :: total = 0                        !! steps of the run
       integer(i8) :: every = 1                        !! steps between saved times of the run
       real(wp), pointer :: theta(:, :) => null()                      !! parameters (npath or 1, nparameter)
       real(wp), pointer, dimension(:, :, :) :: fq => null(), fp => null() !! df/dq, df/dp unless f is called
@@ -45,10 +50,16 @@ module symsde_diagnose_sweep_backward
       real(wp), pointer :: value(:) => null()                         !! f (npath)
       integer(i4), pointer :: status(:) => null()                     !! (npath)
       integer(i8), pointer :: failed_step(:) => null()                !! (npath)
-   end type backward_plan
+      ! of tangent vectors, which are taken forward where they are given
+      real(wp), pointer :: v(:, :, :) => null()       !! dq, then dp; the last columns belong to parameters
+                                                      !! (npath, 2 ndof, nvector)
+      integer(i8) :: turn = 0                         !! steps between two decompositions v = Q R; 0 = none
+      real(wp), pointer :: logs(:, :) => null()       !! sums of log R_ii (npath, nvector)
+      real(wp), pointer, dimension(:, :) :: last_q => null(), last_p => null()  !! last state (npath, ndof)
+   end type sweep_plan
 
-   type, extends(observer_type) :: backward_observer
-      type(backward_plan), pointer :: plan => null()
+   type, extends(observer_type) :: sweep_observer
+      type(sweep_plan), pointer :: plan => null()
       class(model_type), pointer, private :: view => null()   !! the model, or a view that knows the paths of a block
       class(linear_step), allocatable, private :: step
       type(step_store), private :: store
@@ -66,7 +77,7 @@ module symsde_diagnose_sweep_backward
       procedure :: see
       procedure :: numbers
       procedure :: failure_code
-   end type backward_observer
+   end type sweep_observer
 
 contains
 
@@ -79,7 +90,7 @@ contains
    end function numbers_of_step
 
    subroutine begin_block(self, first, nreal, nlane)
-      class(backward_observer), intent(inout) :: self
+      class(sweep_observer), intent(inout) :: self
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal, nlane
 
@@ -100,21 +111,21 @@ contains
 
    !> Use this view of the model for its paths.
    subroutine see(self, model)
-      class(backward_observer), intent(inout) :: self
+      class(sweep_observer), intent(inout) :: self
       class(model_type), intent(in), target :: model
 
       self%view => model
    end subroutine see
 
    logical function keeps_steps(self)
-      class(backward_observer), intent(in) :: self
+      class(sweep_observer), intent(in) :: self
 
       keeps_steps = .true.
    end function keeps_steps
 
    !> Keep increments and functionals.
    subroutine keep_steps(self, steps, ntaken)
-      class(backward_observer), intent(inout) :: self
+      class(sweep_observer), intent(inout) :: self
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ntaken
       integer :: i, at, f
@@ -144,18 +155,18 @@ contains
    end subroutine copy_lanes
 
    subroutine observe(self, isave, t, state)
-      class(backward_observer), intent(inout) :: self
+      class(sweep_observer), intent(inout) :: self
       integer(i8), intent(in) :: isave
       real(wp), intent(in) :: t
       type(lane_state), intent(inout) :: state
 
       call copy_lanes(state%nlane, self%nlane, state%ndof, state%q, self%q(:, :, isave))
       call copy_lanes(state%nlane, self%nlane, state%ndof, state%p, self%p(:, :, isave))
-      if (isave == self%plan%nstep) call go_back(self, state)
+      if (isave == self%plan%nstep) call go_through(self, state)
    end subroutine observe
 
    subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
-      class(backward_observer), intent(inout) :: self
+      class(sweep_observer), intent(inout) :: self
       integer(i8), intent(in) :: isave
       integer, intent(inout) :: nsave
       integer, intent(in) :: nlane
@@ -169,29 +180,124 @@ contains
          call copy_lanes(nlane, self%nlane, state%ndof, p(:, :, k), self%p(:, :, isave + k - 1))
       end do
       call state%take_first(nlane, q(1, 1, nsave), p(1, 1, nsave))
-      if (isave + nsave - 1 == self%plan%nstep) call go_back(self, state)
+      if (isave + nsave - 1 == self%plan%nstep) call go_through(self, state)
    end subroutine observe_several
 
-   !> Take the covectors of the block from the end of the piece to its beginning.
-   subroutine go_back(self, state)
-      type(backward_observer), intent(inout) :: self
+   !> All steps are taken: let the step have the parameters of the lanes, and go through the steps.
+   subroutine go_through(self, state)
+      type(sweep_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
-      type(step_record) :: step
-      integer(i8) :: status(self%nlane), n
       real(wp) :: theta(self%nlane, self%plan%wide%traits%ndof - self%plan%model%traits%ndof)
-      real(wp), allocatable :: fq(:, :, :), fp(:, :, :)   !! (nreal, ndof, saved times of the piece)
-      logical :: saved
-      integer :: k, i, lane
+      integer(i8) :: status(self%nlane)
+      integer :: i, lane
 
-      associate (plan => self%plan, ndof => self%plan%model%traits%ndof, offset => self%offset, nreal => self%nreal)
+      associate (plan => self%plan)
          status(:state%nlane) = state%status
          status(state%nlane + 1:) = state%status(state%nlane)
          do i = 1, size(theta, 2)
             do lane = 1, self%nlane
-               theta(lane, i) = plan%theta(merge(1_i8, offset + min(lane, nreal), size(plan%theta, 1) == 1), i)
+               theta(lane, i) = plan%theta(min(self%offset + min(lane, self%nreal), size(plan%theta, 1, i8)), i)
             end do
          end do
          call self%step%set_parameters(theta)
+         if (associated(plan%v)) then
+            call go_forth(self, status)
+         else
+            call go_back(self, theta, status)
+         end if
+         do lane = 1, self%nreal
+            plan%status(self%offset + lane) = int(status(lane), i4)
+         end do
+      end associate
+   end subroutine go_through
+
+   !> Take the tangent vectors of the block from the beginning of the piece to its end. Columns beyond 2 ndof are
+   !> derivatives by parameters; for Lyapunov exponents there are none.
+   subroutine go_forth(self, status)
+      type(sweep_observer), intent(inout) :: self
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(step_record) :: step
+      real(wp), allocatable :: vq(:, :, :), vp(:, :, :), logs(:, :)
+      integer(i8) :: n
+      integer :: j, k, m, lane
+
+      associate (plan => self%plan, ndof => self%plan%model%traits%ndof, nwide => self%plan%wide%traits%ndof, &
+                 a => self%offset + 1, b => self%offset + self%nreal)
+         m = size(plan%v, 3)
+         allocate (vq(self%nlane, nwide, m), vp(self%nlane, ndof, m), logs(self%nlane, m), source=0.0_wp)
+         vq(:self%nreal, :ndof, :) = plan%v(a:b, :ndof, :)
+         vp(:self%nreal, :, :) = plan%v(a:b, ndof + 1:, :)
+         logs(:self%nreal, :) = plan%logs(a:b, :)   ! one sum from the beginning, whatever the pieces
+         do j = 1, nwide - ndof
+            vq(:, ndof + j, m - (nwide - ndof) + j) = 1
+         end do
+         do k = 1, plan%nstep
+            call self%store%show(k - 1, plan%t0 + real(plan%first + k - 1, wp)*plan%h, step)
+            call self%step%forth(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), m, &
+                                 vq, vp, status)
+            if (plan%turn == 0) cycle
+            n = plan%first - plan%origin + k
+            if (mod(n, plan%turn) == 0 .or. n == plan%total) call decompose(self%nlane, ndof, nwide, m, vq, vp, logs)
+         end do
+         plan%v(a:b, :ndof, :) = vq(:self%nreal, :ndof, :)
+         plan%v(a:b, ndof + 1:, :) = vp(:self%nreal, :, :)
+         plan%logs(a:b, :) = logs(:self%nreal, :)
+         do lane = 1, self%nreal
+            plan%last_q(self%offset + lane, :) = self%q(lane, :, plan%nstep)
+            plan%last_p(self%offset + lane, :) = self%p(lane, :, plan%nstep)
+         end do
+      end associate
+   end subroutine go_forth
+
+   !> v = Q R by Gram and Schmidt, twice for each vector: v becomes Q, and log R_ii is added to logs. A vector that
+   !> vanishes has the logarithm -infinity, and its lane NaN from there on.
+   pure subroutine decompose(nlane, ndof, nwide, m, vq, vp, logs)
+      integer, intent(in) :: nlane, ndof, nwide, m
+      real(wp), intent(inout) :: vq(nlane, nwide, m), vp(nlane, ndof, m), logs(nlane, m)
+      real(wp) :: r(nlane)
+      integer :: i, j, k, again
+
+      do j = 1, m
+         do again = 1, 2
+            do i = 1, j - 1
+               r = 0
+               do k = 1, ndof
+                  r = r + vq(:, k, i)*vq(:, k, j) + vp(:, k, i)*vp(:, k, j)
+               end do
+               do k = 1, ndof
+                  vq(:, k, j) = vq(:, k, j) - r*vq(:, k, i)
+                  vp(:, k, j) = vp(:, k, j) - r*vp(:, k, i)
+               end do
+            end do
+         end do
+         r = 0
+         do k = 1, ndof
+            r = r + vq(:, k, j)**2 + vp(:, k, j)**2
+         end do
+         r = sqrt(r)
+         !GCC$ novector  ! the last bits of a vector logarithm depend on the width of registers
+         do k = 1, nlane
+            logs(k, j) = logs(k, j) + log(r(k))
+         end do
+         do k = 1, ndof
+            vq(:, k, j) = vq(:, k, j)/r
+            vp(:, k, j) = vp(:, k, j)/r
+         end do
+      end do
+   end subroutine decompose
+
+   !> Take the covectors of the block from the end of the piece to its beginning.
+   subroutine go_back(self, theta, status)
+      type(sweep_observer), intent(inout) :: self
+      real(wp), intent(in) :: theta(:, :)                 !! (nlane, nparameter)
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(step_record) :: step
+      integer(i8) :: n
+      real(wp), allocatable :: fq(:, :, :), fp(:, :, :)   !! (nreal, ndof, saved times of the piece)
+      logical :: saved
+      integer :: k
+
+      associate (plan => self%plan, offset => self%offset, nreal => self%nreal)
          self%u = 0
          self%c = 0
          if (associated(plan%f)) then
@@ -219,9 +325,6 @@ contains
          end do
          plan%u(offset + 1:offset + nreal, :) = self%u(:nreal, :)
          plan%c(offset + 1:offset + nreal, :) = self%c(:nreal, :)
-         do lane = 1, nreal
-            plan%status(offset + lane) = int(status(lane), i4)
-         end do
       end associate
 
    contains
@@ -244,7 +347,7 @@ contains
 
    !> Values of f, and its derivatives by the saved states and by parameters, for a piece that is the whole run.
    subroutine ask_f(self, theta, fq, fp)
-      type(backward_observer), intent(inout) :: self
+      type(sweep_observer), intent(inout) :: self
       real(wp), intent(in) :: theta(:, :)                         !! (nlane, nparameter)
       real(wp), allocatable, intent(out) :: fq(:, :, :), fp(:, :, :)  !! (nreal, ndof, 0:nsave)
       real(wp), allocatable :: q(:, :, :), p(:, :, :), t(:), ftheta(:, :)
@@ -267,7 +370,7 @@ contains
    end subroutine ask_f
 
    subroutine end_block(self, state)
-      class(backward_observer), intent(inout) :: self
+      class(sweep_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
       real(wp) :: nan
       integer :: lane
@@ -279,16 +382,21 @@ contains
                if (state%status(lane) /= 0) plan%status(path) = int(state%status(lane), i4)
                plan%failed_step(path) = state%failed_step(lane)
                if (plan%status(path) == 0) cycle
-               plan%value(path) = nan
-               plan%u(path, :) = nan
-               plan%c(path, :) = nan
+               if (associated(plan%v)) then
+                  plan%v(path, :, :) = nan
+                  if (associated(plan%logs)) plan%logs(path, :) = nan
+               else
+                  plan%value(path) = nan
+                  plan%u(path, :) = nan
+                  plan%c(path, :) = nan
+               end if
             end associate
          end do
       end associate
    end subroutine end_block
 
    real(wp) function numbers(self, npath, nthread)
-      class(backward_observer), intent(in) :: self
+      class(sweep_observer), intent(in) :: self
       integer(i8), intent(in) :: npath
       integer, intent(in) :: nthread
       real(wp) :: lanes
@@ -298,10 +406,10 @@ contains
    end function numbers
 
    integer function failure_code(self) result(code)
-      class(backward_observer), intent(in) :: self
+      class(sweep_observer), intent(in) :: self
 
       code = 0
       if (associated(self%plan%f)) code = self%plan%f%failure_code()
    end function failure_code
 
-end module symsde_diagnose_sweep_backward
+end module symsde_diagnose_sweep_sweeper

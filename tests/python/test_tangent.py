@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tangent maps and Lyapunov exponents by the exact derivative of every step."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.errors import IncompatibleError, InvalidArgumentError, UnknownNameError, WrongTypeError
+
+RUN = {"q0": 0.4, "p0": 0.2, "step": 0.1, "steps": 30, "paths": 20, "seed": 3}
+SCHEMES = ("stormer_verlet", "symplectic_euler_adjoint", "midpoint", "gauss2", "lobatto3")
+
+
+def pendulum(**values):
+    """Two noises in position."""
+    values = {"k": 1.3, "sigma": 0.4} | values
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["sigma*sin(q)", "-0.3*q"], params=values)
+
+
+def mixed(**values):
+    """Every block of the Hessian, and a parameter of the mass."""
+    values = {"m": 1.2, "s": 0.1} | values
+    H = "p**4/(12*m) + p**2/(2*m) - cos(q) + 0.3*q**2*p**2"
+    return ss.model_from_sympy(H, ["s*p*q", "0.2*q**2"], params=values)
+
+
+def two(**values):
+    """Two degrees of freedom."""
+    return ss.models.henon_heiles(**({"alpha": 0.4} | values))
+
+
+def noisy(s=0.8):
+    """An oscillator whose frequency is noisy."""
+    return ss.model_from_sympy("p**2/2 + q**2/2", ["s*q**2/2"], params={"s": s})
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(("make", "names"), [(pendulum, ["k", "sigma"]), (mixed, ["m", "s"]), (two, ["alpha"])])
+def test_rows_are_gradients(make, names, scheme):
+    """Row i is the gradient of x_i, which another sweep finds; the states are those of the run."""
+    if make is mixed and scheme == "symplectic_euler_adjoint":
+        pytest.skip("its correction has no derivative here")
+    found = ss.tangent(make(), names, **RUN, scheme=scheme)
+    n = make().ndof
+    for i, f in enumerate([*(f"q_{k + 1}" for k in range(n)), *(f"p_{k + 1}" for k in range(n))]):
+        right = ss.gradient(make(), f, [*names, "q0", "p0"], **RUN, scheme=scheme).by_path
+        row = np.concatenate((right["q0"], right["p0"]))
+        assert abs(found.matrix[i] - row).max() < 1e-13 * abs(row).max()
+        for name in names:
+            assert abs(found.by[name][i] - right[name]).max() < 1e-13 * abs(right[name]).max()
+    run = ss.simulate(make(), **RUN, scheme=scheme)
+    assert np.array_equal(found.q, run.last_q) and np.array_equal(found.p, run.last_p)
+    assert found.defect().max() < 1e-13 and found.defect(0.99).min() > 1e-5
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
+def test_conformal(scheme):
+    """One rate gamma multiplies dp ^ dq by exp(-gamma T)."""
+    run = RUN | {"scheme": scheme, "steps": 200}
+    found = ss.tangent(pendulum().damped(0.3), **run)
+    assert found.defect(np.exp(-0.3 * 20)).max() < 1e-13
+    few = ss.tangent(pendulum().damped(0.3), **run | {"steps": 5})
+    assert few.defect(np.exp(-0.3 * 0.5)).max() < 1e-13 and few.defect(np.exp(-0.3 * 0.505)).min() > 1e-5
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet"])
+def test_pieces(scheme):
+    """Pieces, lanes and threads change no bit."""
+    run = RUN | {"steps": 1501, "step": 0.01, "paths": 300, "scheme": scheme}
+    pieces, whole = (ss.tangent(pendulum(), ["k"], **run, **more) for more in ({}, {"lanes": 8, "threads": 2}))
+    assert np.array_equal(pieces.matrix, whole.matrix) and np.array_equal(pieces.by["k"], whole.by["k"])
+    pieces, whole = (ss.lyapunov(pendulum(), **run, **more) for more in ({}, {"lanes": 8, "threads": 2}))
+    assert np.array_equal(pieces.by_path, whole.by_path) and pieces.by_path.shape == (2, 300)
+
+
+def test_kubo_and_linear_oscillator():
+    """Kubo's oscillator turns tangent vectors, additive noise does not move them: exponents vanish."""
+    for model in (ss.models.kubo(), ss.models.linear_oscillator()):
+        found = ss.lyapunov(model, **RUN | {"steps": 2000}, scheme="midpoint")
+        assert abs(found.by_path).max() < 1e-14
+
+
+def test_noisy_frequency():
+    """The exponent of q'' = -q - s q o dW/dt, from the density of p/q: lambda = int sqrt(u) w du/(2 int w/sqrt(u) du),
+    w = exp(-(2/s^2) (u^3/12 + u)). Within four standard errors, which fails once in 16,000 seeds."""
+    x = np.linspace(0, 3, 3001)
+    w = np.exp(-2 / 0.8**2 * (x**6 / 12 + x**2))
+    exact = (x**2 * w).sum() / w.sum() / 2
+    found = ss.lyapunov(noisy(), q0=1.0, p0=0.0, step=0.02, steps=10_000, paths=200, seed=5, scheme="midpoint")
+    assert abs(found.exponents[0] - exact) < 4 * found.se[0] + 0.005 * exact
+    assert found.se[0] < 0.03 * exact and abs(found.exponents.sum()) < 1e-12
+    wrong = ss.lyapunov(noisy(1.0), q0=1.0, p0=0.0, step=0.02, steps=10_000, paths=200, seed=5, scheme="midpoint")
+    assert abs(wrong.exponents[0] - exact) > 4 * wrong.se[0] + 0.005 * exact
+
+
+def test_sums_of_exponents():
+    """With one rate of damping the exponents sum to -gamma for each degree of freedom; in pairs."""
+    run = RUN | {"steps": 800, "scheme": "midpoint"}
+    found = ss.lyapunov(two().damped(0.25), **run)
+    np.testing.assert_allclose(found.by_path.sum(axis=0), -0.5, rtol=1e-11)
+    first = ss.lyapunov(two().damped(0.25), **run, count=1)
+    np.testing.assert_allclose(first.by_path[0], found.by_path[0], rtol=1e-9)
+
+
+def test_refused():
+    """Bad input is refused with a sentence."""
+    run = RUN | {"scheme": "midpoint"}
+    for call, error, words in (
+        (lambda: ss.tangent(pendulum(), ["q0"], **run), InvalidArgumentError, "always there"),
+        (lambda: ss.tangent(pendulum(), ["kk"], **run), UnknownNameError, "there are k, sigma"),
+        (lambda: ss.tangent(pendulum(), 3, **run), WrongTypeError, "holds no names"),
+        (lambda: ss.tangent(pendulum(), **run, save_every=1), InvalidArgumentError, "save_every has no meaning"),
+        (lambda: ss.lyapunov(pendulum(), **run, count=3), InvalidArgumentError, "count = 3"),
+        (lambda: ss.lyapunov(pendulum(), **run | {"steps": 0}), InvalidArgumentError, "steps = 0"),
+        (lambda: ss.lyapunov(pendulum(), **run, compensated=True), IncompatibleError, "compensated"),
+        (lambda: ss.lyapunov(pendulum(), **run | {"scheme": "euler_maruyama"}), IncompatibleError, "Ito form"),
+        (lambda: ss.lyapunov(pendulum(k=np.linspace(1, 2, 20)), **run), IncompatibleError, "give numbers"),
+    ):
+        with pytest.raises(error, match=words):
+            call()
+
+
+def test_failed_paths():
+    """Failed paths are NaN in tangent maps, and refused or left out of exponents."""
+    start = np.where(np.arange(20) % 4 == 0, 60.0, 0.5)[np.newaxis]
+    model = ss.model_from_sympy("p**2/2 + q**4/4", ["0.1*q"])
+    run = RUN | {"q0": start, "steps": 60, "scheme": "stormer_verlet"}
+    found = ss.tangent(model, **run)
+    assert np.isnan(found.matrix[..., ::4]).all() and np.isfinite(found.matrix[..., 1::4]).all()
+    with pytest.raises(IncompatibleError, match=r"0\.25 of the paths failed"):
+        ss.lyapunov(model, **run)
+    with pytest.warns(ss.PathsFailedWarning, match="left out"):
+        assert ss.lyapunov(model, **run, allow_failed=True).failed == 0.25
