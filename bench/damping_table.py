@@ -33,7 +33,7 @@ def parse() -> argparse.Namespace:
 
 def main():
     """Print the table, row by row."""
-    warnings.simplefilter("ignore")  # of correction terms and failed paths, which are the same with and without damping
+    warnings.simplefilter("ignore")  # correction terms and failed paths, the same with and without damping
     asked = parse()
     found = []
     print("| scene | kind | scheme | paths | closed, ns | damped / closed | damped step |")

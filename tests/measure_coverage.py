@@ -25,7 +25,7 @@ WANTED = 97.0  # per cent
 # and continuations.
 SILENT = re.compile(r"\s*(end (subroutine|function|associate|block|do|if|select|module)|contains\b|&)", re.IGNORECASE)
 
-Lines = dict[Path, dict[int, int]]  # for each source, how often each line ran
+Lines = dict[Path, dict[int, int]]  # runs of each line, for each source
 
 
 def run_suites(build: Path, folder: Path) -> bool:

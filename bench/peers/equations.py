@@ -15,7 +15,7 @@ from typing import Any
 
 SIGMA, OMEGA, SIGMA1, SIGMA2 = 0.3, 2.0, 0.2, 0.1  #: Kubo's oscillator; the synchrotron
 SMALL = 0.01  #: strength of both noises of Henon-Heiles
-MASSES, NOISE = 64, 0.05  #: of the chain: number of masses, strength of the noise
+MASSES, NOISE = 64, 0.05  #: the chain's number of masses and strength of the noise
 
 
 def kubo(xp: Any, q, p, h, w):

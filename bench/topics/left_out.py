@@ -15,7 +15,7 @@ COUNTERS = {
 #: claim -> the counters that it fixes, for a step of a path
 CLAIMS = {
     "explicit_calls_no_solver": {"iterations": 0, "solves": 0, "hessians": 0},
-    "Ito_drift_calls_no_solver": {"iterations": 0, "solves": 0, "hessians": 1},  # for the Ito drift
+    "Ito_drift_calls_no_solver": {"iterations": 0, "solves": 0, "hessians": 1},  # counts of the Ito drift
     "sigma_zero_draws_nothing": {"normals": 0},
     "one_noise_silent_draws_one": {"normals": 1},
     "linear_iterates_once": {"iterations": 1, "solves": 1},

@@ -23,7 +23,7 @@ NAMES = {
 }
 # Largest allowed ratio to the built-in model, or for NumPy functions to the loop by hand.
 TARGETS = {"Fortran": 1.2, "C": 1.2, "numba": 1.5, "NumPy": 1.5}
-STEPS = {"symplectic_euler": 5000, "midpoint": 2500}  #: of compiled models
+STEPS = {"symplectic_euler": 5000, "midpoint": 2500}  #: number of steps of compiled models
 SLOW = 100  #: steps of models in NumPy
 STEP, PATHS, LANES = 0.02, 4096, 2048
 

@@ -317,7 +317,7 @@ class model {
    };
    friend class run;
 
-   std::shared_ptr<own> own_; // before the handle, which is deleted first
+   std::shared_ptr<own> own_; // declared before the handle, which is deleted first
    detail::owner<symsde_model, symsde_model_delete> handle_;
 };
 

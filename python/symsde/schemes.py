@@ -39,7 +39,7 @@ class Order:
 
     value: float  #: order; 0 = the scheme does not converge, or is not designed for such noise
     evidence: str  #: derived, from the coefficients that are executed; claimed; none
-    measured: Measured | None  #: on the problem named in the certificate; None = not measured
+    measured: Measured | None  #: results on the problem named in the certificate; None = not measured
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ contains
          depth = depth + 1
          if (allocated(lists(depth)%path)) deallocate (lists(depth)%path)
          lists(depth)%number = 0
-         if (.not. allocated(lists(depth - 1)%path)) return  ! before the first block
+         if (.not. allocated(lists(depth - 1)%path)) return  ! no block has been made yet
          call give_number(paths)
          allocate (lists(depth)%path(size(lanes)))
          do i = 1, size(lanes)

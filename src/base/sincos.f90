@@ -115,7 +115,7 @@ contains
       integer(i8) :: q, a_bits, b_bits, swap
 
       shifted = x*two_over_pi + to_integer
-      q = transfer(shifted, 0_i8)                 ! its last bits are those of the integer
+      q = transfer(shifted, 0_i8)                 ! the last bits of `shifted` are those of the integer
       turns = shifted - to_integer
       first = x - turns*half_pi_1
       second = turns*half_pi_2

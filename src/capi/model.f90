@@ -36,7 +36,7 @@ module symsde_capi_model
    type :: model_handle
       integer(i8) :: tag = tag_of_model
       class(model_type), allocatable :: model
-      type(callback_force), pointer :: forces => null()   !! of the model; owned
+      type(callback_force), pointer :: forces => null()   !! the model's forces; owned
    end type model_handle
 
 contains

@@ -46,7 +46,7 @@ module symsde_diagnose_boundary_value
 
    real(wp), parameter :: rounding = 1e-12_wp        !! residual of a solved path, in units of the unknowns
    ! A path is given up when even a correction shortened to 1e-6 does not improve it.
-   real(wp), parameter :: shortest = 2.0_wp**(-20)   !! as a fraction of a full correction
+   real(wp), parameter :: shortest = 2.0_wp**(-20)   !! shortest step, as a fraction of a full correction
    real(wp), parameter :: patience = 2e7_wp !! multiplications of a linear solve between two calls of the monitor
    character(*), parameter :: place = 'stationary_path'
 
@@ -263,7 +263,7 @@ contains
       type(action_system), intent(inout) :: system
       integer, intent(in) :: lane
       type(newton_state), intent(inout) :: state
-      integer(i8), intent(in) :: done, npath   !! for the monitor
+      integer(i8), intent(in) :: done, npath   !! numbers of paths, for the monitor
       type(error_type), allocatable, intent(inout) :: error
       class(monitor_type), intent(inout), optional :: monitor
       type(banded_factors) :: factors

@@ -449,7 +449,7 @@ contains
          integer :: j, k
 
          do k = 1, ncolumn
-            do j = 0, request%npair - 1  ! in x the odd pairs follow the even ones
+            do j = 0, request%npair - 1  ! x has the odd pairs after the even ones
                ! A column of the store has nlane numbers; this path's is written.
                w(1 + request%nlane*(2*j*nstep + k - 1)) = x(1 + j/2 + mod(j, 2)*(n/2), k)
             end do

@@ -16,7 +16,7 @@ module symsde_noise_discrete
    public :: discrete_pairs, sign_pairs
 
    integer, parameter :: purpose_discrete = 6  !! counter word of these draws
-   integer, parameter :: purpose_sign = 10     !! of the signs of areas, whose noise word is the index of the pair
+   integer, parameter :: purpose_sign = 10 !! purpose of the signs of areas, whose noise word is the index of the pair
 
 contains
 

@@ -422,7 +422,7 @@ contains
    !> Move the normals of a halving so that their part along the direction of xi is xi.
    pure subroutine turn(n, length, z, xi, zz, mm, dd, xi_1, xi_2)
       integer, intent(in) :: n
-      real(wp), intent(in) :: length, z   !! of the whole [time], and gamma times it
+      real(wp), intent(in) :: length, z   !! the whole interval's length [time], and gamma times it
       real(wp), intent(in) :: xi(n)
       real(wp), intent(inout), dimension(n) :: zz, mm, dd, xi_1, xi_2
       real(wp) :: u(5), scale(5), missing(n)

@@ -317,7 +317,7 @@ contains
       integer(i8) :: pattern
 
       ! Adding this to the bits of x carries into the exponent where the mantissa is sqrt(2) or more.
-      pattern = transfer(x, 0_i8) + (one_bits - root_bits)  ! its exponent field is e + 1023
+      pattern = transfer(x, 0_i8) + (one_bits - root_bits)  ! the exponent field of `pattern` is e + 1023
       e = transfer(ior(ishft(pattern, -52), big_bits), 0.0_wp) - (big + 1023 + bits)
       f = transfer(iand(pattern, fraction_bits) + root_bits, 0.0_wp) - 1
       ! One division; |s| <= 3 - sqrt(8), where the odd polynomial is good to 2**-45.

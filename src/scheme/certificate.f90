@@ -76,7 +76,7 @@ module symsde_scheme_certificate
       type(order_type) :: order(norder)         !! orders by class of noise, corrected where needed
       integer :: order_noise_free = 0
       integer :: explicit_for = never_explicit  !! models for which the scheme is explicit: one of three enumerators
-      integer :: gradients_per_step = 0         !! in each iteration of the solver if implicit
+      integer :: gradients_per_step = 0         !! gradients of a step; if implicit, of each iteration of the solver
       integer :: unknowns = 0                   !! coupled unknowns for each degree of freedom; any Hamiltonian
       integer :: unknowns_if_separable = 0
    end type certificate_type

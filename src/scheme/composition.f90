@@ -92,7 +92,7 @@ contains
    !> Errors: wrong_shape, invalid_argument (fractions), incompatible (a part that is no tableau).
    subroutine composed_scheme(scheme, parts, fractions, name, error)
       type(scheme_type), intent(out) :: scheme
-      type(scheme_type), intent(in) :: parts(:)  !! in the order in which they act (npart)
+      type(scheme_type), intent(in) :: parts(:)  !! schemes in the order in which they act (npart)
       real(wp), intent(in) :: fractions(:)       !! gamma_k, their sum is one (npart)
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error

@@ -239,7 +239,7 @@ contains
    !> a_ij = integral of the j-th Lagrange polynomial of the nodes from 0 to c_i, by a Gauss
    !> quadrature that is exact for it.
    function collocation(nodes) result(a)
-      real(wp), intent(in) :: nodes(:)  !! at most max_degree nodes (nstage)
+      real(wp), intent(in) :: nodes(:)  !! nodes, max_degree at most (nstage)
       real(wp) :: a(size(nodes), size(nodes))
       real(wp), allocatable :: x(:), w(:)
       type(error_type), allocatable :: error

@@ -118,7 +118,7 @@ module symsde_solve_fixed_point_single_path
    pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
       integer, intent(in) :: first, final, most
       real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
-      real(wp), intent(inout) :: last         !! in: change of the sweep before `first`; out: change, or how it ends
+      real(wp), intent(inout) :: last !! in: change of the sweep before `first`; out: last change, or how it ends
       integer, intent(out) :: sweep           !! final + 1 if no sweep ends the iteration
 
       ! Three comparisons pass most sweeps, which neither end the iteration nor are too slow; `verdict` judges the

@@ -173,7 +173,7 @@ def test_no_step_is_longer_than_what_a_scheme_bears():
 
 @pytest.mark.parametrize("seconds", [0.002, 0.02, 0.2])
 def test_advice_ends_in_time_with_what_it_knows(seconds, monkeypatch):
-    """With a clock of counted work. The first measurement is made in any case. Predicted numbers of steps are hardly
+    """The clock counts work. The first measurement is made in any case. Predicted numbers of steps are hardly
     too small, and up to eight times too large: the claimed order 3/2 of chin4a holds for the worst noises.
     """
     WorkClock(monkeypatch)

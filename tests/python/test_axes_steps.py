@@ -83,7 +83,7 @@ def test_steps_are_those_of_the_equations(scheme, row):
 
 
 class Muted:
-    """The ridges with one H_k set to zero, or without this noise."""
+    """The ridges with one H_k set to zero, or with one noise left out."""
 
     def __init__(self, ridges, k, *, gone):
         self.ndof, self.nnoise = ridges.ndof, ridges.nnoise - gone

@@ -383,7 +383,7 @@ def test_the_time_that_is_given_is_kept(tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     assert run(file, "--out", out, "--shard-paths", 256, "--max-walltime", "4.5s") == command_line.STOPPED
     assert "stopped by --max-walltime" in capsys.readouterr().err
-    assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # of 13 shards; one is computed, one waits
+    assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # 13 shards in all; one is computed, one waits
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_second_moments_of_every_kind_of_damping(damping):
     """The growth by steps tends to the growth by the equations, with the order of the scheme; det M is exp(-h tr)."""
     model = ss.model_from_sympy("p1**2/2 + 0.4*p1*p2 + 0.25*p2**2 + q1**2 + q1*q2 + 2*q2**2", noise=["0.3*q1*q2"])
     model = model.damped(damping)
-    for scheme in ("midpoint", "gauss_dkdkd"):  # of weak order one or more
+    for scheme in ("midpoint", "gauss_dkdkd"):  # schemes of weak order one or more
         excess = [abs(ss.mean_square(model, scheme, step=h).excess) / h for h in (0.1, 0.05)]
         assert excess[0] / excess[1] > 1.7 and excess[1] < 2e-2, scheme
     sizes = np.linalg.det(ss.mean_square(model, "midpoint", step=0.1).matrix)

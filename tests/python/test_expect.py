@@ -290,7 +290,7 @@ def test_plan_makes_the_estimator_it_names(nonlinear):
 
 
 def test_frequency_follows_the_way():
-    """A pendulum that begins near the top is linearised at later states, too: where the frequency is 1."""
+    """A pendulum that begins near the top is linearised at later states, too, at which its frequency is 1."""
     problem = make_problem(ss.models.synchrotron(omega=1.0), "q", q0=3.0, p0=0.0, horizon=8.0)
     assert frequency(problem) == pytest.approx(1.0, abs=0.1)
 

@@ -92,7 +92,7 @@ def test_work_begins_with_a_quarter_of_the_points(pilot):
         ([11], 1e6, 4.0, [6]),
         ([5], 32.0, 4.0, [5]),
         ([11], 0.008, -1.0, [8]),
-        ([11, 7, 5], 32.0, 4.0, [8, 6, 5]),  # of levels
+        ([11, 7, 5], 32.0, 4.0, [8, 6, 5]),  # levels
     ],
 )
 def test_points_are_cut_to_the_time_that_is_left(pilot, planned, seconds, left, cut):

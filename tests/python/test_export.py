@@ -111,7 +111,8 @@ def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys
 
 @pytest.mark.parametrize("language", ["c", "fortran"])
 def test_chains_of_any_length_are_the_same_program(language, tmp_path, capsys):
-    """Programs differ in the number of sites alone; in Fortran a chain of a hundred thousand runs."""
+    """Programs differ in the number of sites alone; the Fortran program also runs with a chain of a hundred thousand
+    sites."""
     H = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + b*(q[i+1]-q[i])**4/4, i)"
     SCENES["short"] = f'[model]\nH = "{H}"\nnoise = ["Sum(s*q[i], i)"]\nn = 40\nends = "fixed"\n'
     SCENES["short"] += "[model.params]\nb = 0.7\ns = 0.2\n" + RUN.replace("40", "2").replace("20", "2").replace(

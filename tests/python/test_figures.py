@@ -113,7 +113,7 @@ def test_panels_of_mean_squares(drawn):
     axes = drawn(mean_square_map.save, data)
     assert len(axes) == 11 and axes[10].get_ylabel() == "log$_{10}$ of what a step adds to log E$|z|^2$"
     count = len(mean_square_map.SCHEMES)
-    first, second = axes[:count], axes[count : 2 * count]  # in the order drawn
+    first, second = axes[:count], axes[count : 2 * count]  # axes in the order drawn
     for row, i in ((first, 1), (second, 0)):
         for j, axis in enumerate(row):
             mesh, contour = axis.collections

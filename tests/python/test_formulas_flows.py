@@ -176,7 +176,7 @@ LOSSES = {  # text of the damped steps, what makes it wrong by one per cent, and
 @pytest.mark.parametrize("name", ["kubo", "pendulum", "several"])
 @pytest.mark.usefixtures("quick_compiler")
 def test_wrong_losses_are_refused(monkeypatch, name, change):
-    """The twin: what momenta lose, one per cent off."""
+    """Damped steps whose loss of momentum is one per cent off are refused."""
     source = emit_flow.source
 
     def changed(made, **how):

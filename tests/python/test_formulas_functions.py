@@ -153,7 +153,7 @@ def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
         if (width in ("sse2", "avx2") or "avx512dq" in known) and not (contracts and width == "sse2"):
             y, _ = function(name, flags, contracts=contracts)(x)
             assert (y == expected).all(), width
-    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # in reverse order, beside other lanes
+    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # reversed lanes have other neighbours
     assert (backwards[::-1] == expected[3:]).all()
 
 

@@ -146,7 +146,7 @@ def test_false_third_derivatives_are_refused():
         return ss.Model(ndof=1, nnoise=1, third_derivative=function, **functions)
 
     with_third(right).probe(0.3, 0.4)
-    for q in (1e3, 1e4, 3e5, 1e6):  # where an increment in proportion to the state exceeds the period
+    for q in (1e3, 1e4, 3e5, 1e6):  # states at which an increment in proportion to the state exceeds the period
         with_third(right).probe(q, 0.4)
     wrong = [
         lambda *x: tuple(1.01 * y for y in right(*x)),

@@ -188,7 +188,7 @@ def test_maps_of_chains():
         np.testing.assert_allclose(edges[0, :, 0], np.linspace(-0.5, 4.5, 6))
         np.testing.assert_allclose(edges[:, 0, 1], np.arange(0.5, 10))
         assert (figure.axes[panel].get_xlabel(), figure.axes[panel].get_ylabel()) == ("t", "degree of freedom")
-        assert figure.axes[2 + panel].get_ylabel() == name  # of the colour bar
+        assert figure.axes[2 + panel].get_ylabel() == name  # label of the colour bar
     assert figure.get_suptitle() == "fpu_chain by stormer_verlet, path 4 of 1" and len(figure.axes) == 4
     assert len(run.plot(what="map", of=["p"]).axes) == 2 and len(lines(run.plot(of=["q_3"]))) == 1
     means = ss.moments(chain, paths=40, **options)
@@ -420,7 +420,7 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
         ("q_1", "r"): ["moments", "observed-covariance"],
         ("p_1",): ["paths", "phase", "moments"],
         ("p",): ["paths", "phase", "moments"],
-        ("extremes",): ["observed-extremes"],  # by the observer's name
+        ("extremes",): ["observed-extremes"],  # found by the observer's name
     }
     for names, known in chosen.items():
         figures.clear()

@@ -30,7 +30,7 @@ contains
       class(model_type), intent(in), target :: model
       character(*), intent(in) :: scheme
       real(wp), intent(in) :: h
-      character(*), intent(in) :: name         !! of the stepper that the factory must choose
+      character(*), intent(in) :: name         !! name of the stepper that the factory must choose
       real(wp), intent(in), optional :: scale  !! factor of the first stepper's increments: a planted fault
       integer, parameter :: nlane = 32
       class(stepper_type), allocatable :: stages, general

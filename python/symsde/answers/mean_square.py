@@ -162,7 +162,7 @@ def _moments(model: Model, scheme: Scheme, step: float, t: float, rule: tuple) -
     flat = maps.reshape(len(grid), size * size)
     with np.errstate(all="ignore"):
         pairs = (weights[:, None] * flat).T @ flat
-    pairs = pairs.reshape(size, size, size, size).transpose(0, 2, 1, 3)  # from (i, j), (k, l) to (i, k), (j, l)
+    pairs = pairs.reshape(size, size, size, size).transpose(0, 2, 1, 3)  # reorders (i, j), (k, l) as (i, k), (j, l)
     return np.einsum("n,nij->ij", weights, maps), pairs.reshape(size * size, size * size)
 
 

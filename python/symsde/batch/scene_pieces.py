@@ -25,7 +25,7 @@ class Batch:
 
     @classmethod
     def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
-        """Make it from a scene, its folder, and the wanted number of paths of a shard; in an existing folder this
+        """Make a batch from a scene, its folder, and the wanted number of paths of a shard; in an existing folder this
         number is fixed already.
         """
         chosen = scene.load(file)

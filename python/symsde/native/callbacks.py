@@ -212,8 +212,8 @@ def takes_any_lanes(functions: Iterable[object]) -> bool:
     """Whether compiled functions are known to give a lane the same bits whatever the number of lanes.
 
     LLVM uses IEEE arithmetic both in vectors and in remainder loops, unless instructions are marked as fast, a vector
-    library computes sine and similar functions, or a function is called by its address; of functions called by address
-    only the library's sine and cosine are known to be safe. Only numba functions can be examined.
+    library computes sine and similar functions, or a function is called by its address; among functions called by
+    address, only the library's sine and cosine are known to be safe. Only numba functions can be examined.
     """
     texts = [getattr(function, "inspect_llvm", None) for function in functions if function is not None]
     own = f"inttoptr (i64 {ctypes.cast(library.symsde_sincos, ctypes.c_void_p).value} to"

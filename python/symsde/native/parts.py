@@ -90,7 +90,7 @@ def _remove_if_left(folder: Path, now: float) -> None:
         try:
             is_free = _locked(handle)
             if (is_free and folder.name.startswith(_OWN)) or (is_free is not False and is_old):
-                os.unlink(folder / _LOCK)  # before the release, so that a late writer sees that the folder is gone
+                os.unlink(folder / _LOCK)  # goes before the release, so that a late writer sees that the folder is gone
                 shutil.rmtree(folder, ignore_errors=True)
         finally:
             os.close(handle)

@@ -36,7 +36,7 @@ class Gradient:
     """
 
     value: float  #: mean of f
-    value_se: float  #: its standard error
+    value_se: float  #: standard error of `value`
     values: dict[str, Any]  #: name -> derivative of the mean
     se: dict[str, Any]  #: name -> its standard error
     by_path: dict[str, np.ndarray]  #: name -> derivatives of each path; NaN where it failed

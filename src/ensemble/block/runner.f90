@@ -64,7 +64,7 @@ module symsde_ensemble_block_runner
       type(growth_type) :: growth          !! the largest values so far, to find paths that grow without bound
       integer :: enough = 0                              !! number of lanes with a status that ends a chunk
       type(block_runner), pointer :: narrower => null()  !! list of runners of narrower blocks, owned by this one
-      integer, allocatable :: origin(:)                  !! of a narrower runner: its lanes in the wide block (nlane)
+      integer, allocatable :: origin(:)                  !! lanes in the wide block of a narrower runner's lanes (nlane)
    contains
       procedure :: equip
       procedure :: begin

@@ -88,7 +88,7 @@ contains
       type(scheme_type), intent(in), target :: scheme
       type(run_options), intent(in) :: options        !! checked
       type(initial_state), intent(in) :: from
-      class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, model) lanes
+      class(observer_type), intent(in) :: observer    !! observer for blocks of choose_nlane(options, model) lanes
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
@@ -113,7 +113,7 @@ contains
       type(scheme_type), intent(in), target :: scheme         !! must live as long as the ensemble
       type(run_options), intent(in) :: options        !! checked
       real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
-      class(observer_type), intent(in) :: observer    !! of the same kind as the observers of the drives
+      class(observer_type), intent(in) :: observer    !! observer of the same kind as the observers of the drives
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(stepper_type), allocatable :: single  ! stepper of one lane, if paths run one by one
@@ -155,7 +155,7 @@ contains
    subroutine drive(self, from, observer, error, dw, monitor)
       class(ensemble_type), intent(inout), target :: self
       type(initial_state), intent(in) :: from
-      class(observer_type), intent(in) :: observer    !! for blocks of self%report%nlane lanes
+      class(observer_type), intent(in) :: observer    !! observer for blocks of self%report%nlane lanes
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments of this drive alone
       class(monitor_type), intent(inout), optional :: monitor

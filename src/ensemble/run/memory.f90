@@ -33,7 +33,7 @@ contains
       type(run_options), intent(in) :: options
       class(observer_type), intent(in) :: observer
       integer, intent(in) :: nlane          !! lanes of a block
-      integer, intent(inout) :: nthread     !! in: number of threads wanted
+      integer, intent(inout) :: nthread     !! in: number of threads wanted; out: number that the memory allows
       logical, intent(out) :: narrows       !! whether remaining paths may go on in narrower blocks
       type(error_type), allocatable, intent(inout) :: error
       type(step_memory) :: step

@@ -265,7 +265,7 @@ contains
    !> steps.
    subroutine record(self, recorder, error, dw, monitor)
       class(prepared_run), intent(inout) :: self
-      type(path_recorder), intent(inout) :: recorder   !! its q and p have room for the states, or for none
+      type(path_recorder), intent(inout) :: recorder   !! recorder whose q and p have room for the states, or for none
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor

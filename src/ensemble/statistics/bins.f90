@@ -19,7 +19,7 @@ module symsde_ensemble_statistics_bins
       integer :: nbin = 0
       logical :: relative = .false.
       real(wp) :: low = 0, high = 0     !! range of equal bins
-      integer :: side = 0, shift = 0    !! of relative bins: bins of one sign; bits of a number that are shifted out
+      integer :: side = 0, shift = 0    !! relative bins: bins of each sign; bits shifted out of a number
       integer(i8) :: base = 0           !! the remaining bits of the smallest magnitude
    contains
       procedure :: nslot

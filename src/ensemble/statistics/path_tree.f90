@@ -103,7 +103,7 @@ contains
    pure subroutine merge_values(nvalue, na, mean_a, m2_a, nb, mean_b, m2_b)
       integer, intent(in) :: nvalue
       real(wp), intent(in) :: na, nb
-      real(wp), intent(inout) :: mean_a(nvalue), m2_a(nvalue)  !! in: of a; out: of a and b together
+      real(wp), intent(inout) :: mean_a(nvalue), m2_a(nvalue)  !! in: moments of a; out: moments of a and b together
       real(wp), intent(in) :: mean_b(nvalue), m2_b(nvalue)
       real(wp) :: share, d
       integer :: i

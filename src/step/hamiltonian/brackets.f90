@@ -90,7 +90,7 @@ contains
    subroutine new_modified_hamiltonian(self, model, brackets, nlane)
       type(modified_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
-      type(bracket_terms), intent(in) :: brackets   !! of scheme_type
+      type(bracket_terms), intent(in) :: brackets   !! the scheme's brackets
       integer, intent(in) :: nlane
 
       call new_exact_bracket(self, model, nlane)

@@ -194,7 +194,7 @@ contains
       ! Times and nodes of the whole step, with scaled weights.
       fraction = step
       fraction%w(1:, 0:) => self%part
-      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only lanes that rung 2 has not solved
+      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! try again only failed lanes
       self%stepper%x = 0
       do k = 1, parts
          ! Slopes are proportional to the weights up to higher orders: the guess for k is scaled by k/(k-1).

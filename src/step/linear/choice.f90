@@ -13,7 +13,7 @@ module symsde_step_linear_choice
    private
    public :: require_linear, new_linear_step
 
-   integer, parameter :: most_unknowns = 256   !! of a dense system of an implicit step
+   integer, parameter :: most_unknowns = 256   !! limit of unknowns of a dense system of an implicit step
 
 contains
 

@@ -62,7 +62,7 @@ contains
                call add_still(1, nested, w(:, k), c(k), e(0), u, p, s)
             end if
          end do
-         do k = 1, merge(self%nnoise, 0, self%ntime == 3)  ! only if noises change in time
+         do k = 1, merge(self%nnoise, 0, self%ntime == 3)  ! runs only if noises change in time
             if (.not. noisy(k)) cycle
             call derive_lanes(1, ends(k, 2), q, sine, cosine, u)
             call derive_lanes(1, ends(k, 3), q, sine, cosine, v)

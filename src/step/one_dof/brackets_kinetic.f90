@@ -50,7 +50,7 @@ module symsde_step_one_dof_brackets_kinetic
       real(wp), allocatable :: e(:)                !! e_j (0:nnoise)
       real(wp), allocatable :: one(:, :, :)        !! weight one for each H_j (nlane, 0:nnoise, 0:nnoise)
       real(wp), allocatable :: sine(:), cosine(:)  !! (nlane)
-      real(wp), allocatable :: beside(:, :)        !! for one lane, all H_j: U_j', U_j'', q, p (0:nnoise, 4)
+      real(wp), allocatable :: beside(:, :)        !! values for one lane, of all H_j: U_j', U_j'', q, p (0:nnoise, 4)
    contains
       procedure :: begin
       procedure :: evaluate

@@ -160,7 +160,7 @@ contains
          self%p = p(lanes)
          self%store%h = step%h
          self%store%w(:, :, 0) = step%w(lanes, :)
-         do f = 1, nfunctional  ! only functionals that brackets read have arrays in the store
+         do f = 1, nfunctional  ! the store has arrays only for functionals that brackets read
             if (allocated(self%store%of(f)%x)) self%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
          end do
          call self%store%show(0, step%t, gathered)

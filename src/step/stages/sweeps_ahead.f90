@@ -174,7 +174,7 @@ contains
          evaluations = evaluations + nsweep*(self%slot(g)%i2 - self%slot(g)%i1 + 1)
       end do
       do k = 1, n
-         moved = (self%all*p(k))  ! in parentheses, to prevent contraction with the line below
+         moved = (self%all*p(k))  ! parentheses prevent contraction with the line below
          kicked = 0
          if (self%plan%damped) kicked = (self%plan%loss*p(k))
          !GCC$ novector  ! sums in order, contracted as in lanes

@@ -166,7 +166,7 @@ class _Term:
 
 def source(chain: Chain) -> str:
     """The C functions for rows."""
-    closed = chain.ends != "free"  # with closed ends densities that reach beyond the ends count, too
+    closed = chain.ends != "free"  # with closed ends also densities that reach beyond the ends
     terms, whole = _together(chain, chain.densities)
     parts = {
         "handed": _handed_from_above(whole, terms, closed),

@@ -45,7 +45,7 @@ class Structure:
     nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian
     rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0; None if H has no such part
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
-    touches: tuple[tuple[int, ...], ...]  #: for each noise the degrees of freedom i of which q_i or p_i occur in H_k
+    touches: tuple[tuple[int, ...], ...]  #: degrees of freedom i of which q_i or p_i occur in H_k, for each noise k
     noises_commute: bool  #: every {H_k, H_l} is constant
     flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time
     invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> whether dI = 0 on every path is proved

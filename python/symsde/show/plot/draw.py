@@ -23,7 +23,7 @@ _WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; heights of one panel among se
 _ONE_COLUMN = 4  # most panels in one column; more panels are in two columns
 _TITLE = 11  # characters of a title per inch
 _FEW = 200  # most saved times that are all marked
-_JUMP = 0.1  # as a share of a phase plot's extent: points farther apart are not joined
+_JUMP = 0.1  # share of a phase plot's extent: points farther apart are not joined
 CHAIN = 8  # degrees of freedom from which a map shows more than curves
 
 

@@ -23,7 +23,7 @@ STEP, STEPS, PATHS, SEED = 0.02, 500, 4, 47
 A, SIGMA = 1.0, 0.5
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 NOISE1, NOISE2 = 1.0, 1.0  # sigma and gamma of (84)-(85)
-LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # for single steps from given states with coordinates up to three
+LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # of single steps from given states with coordinates up to three
 EPSILONS = 10.0 ** -np.arange(1, 11)
 
 

@@ -89,7 +89,7 @@ def save(path: Path, curves: dict) -> None:
             for axis, time, key in ((axes["energy"], "t", scheme), (axes["kubo"], "kubo_t", f"kubo_{scheme}")):
                 t, change = np.array(curves[time], dtype=float), np.array(curves[key], dtype=float)
                 seen = change < 1e3
-                dashed = "--" if scheme == "gauss2" else "-"  # its curve covers midpoint's in (b)
+                dashed = "--" if scheme == "gauss2" else "-"  # gauss2's curve covers midpoint's in (b)
                 t, change = t[seen], np.maximum(change[seen], 1e-17)
                 axis.plot(t, change, ls=dashed, color=look.colour(scheme), label=scheme)
                 if 0 < seen.sum() < len(seen):
