@@ -44,6 +44,8 @@ ratios. [The tables](performance-tables.md) say on which machine this was measur
   ([threads](performance-tables.md#threads)).
 - **Size.** Time grows in proportion to paths, steps, noises and, in chains and mean fields, degrees of freedom
   ([growth](performance-tables.md#growth)).
+- **Damping.** It takes little time; kicks come to a given error in a fraction of the time of splittings such as BAOAB
+  ([damped systems](performance-tables.md#damped-systems-beside-other-packages)).
 - **What is saved.** Moments take no memory for paths ([memory](performance-tables.md#memory-of-moments)).
 
 Most comparisons in the tables have a target that the project sets itself. {met} of {judged} are met; the others are

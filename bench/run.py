@@ -3,17 +3,19 @@
 
 Called by `./bootstrap bench`, with its arguments:
     run.py --build BUILD [--quick] [--only SECTION ...]
-           [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE]
+           [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE] [--python COMMAND]
 `./bootstrap bench loops [REGEX]` runs the section loops alone, or only those of its rows that match.
 Comparisons with loops are skipped where numba is not installed. Each module of topics/ measures and writes one section
 of the page of tables, in a process of its own, by the library of the build; first_screen.py writes the page.
 """
 
 import argparse
+import functools
 import importlib
 import importlib.util
 import json
 import os
+import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -34,6 +36,7 @@ TOPICS = {
     "memory": "memory",
     "growth": "growth",
     "threads": "threads",
+    "open": "open_systems",
 }
 
 
@@ -53,6 +56,24 @@ def page(described: dict, sections: list[str]) -> str:
         "unless they are\ncalled processor times. Other work disturbed wall-clock times if the load was near or above "
         f"the number of\ncores.\n\n{about}\n\n" + "\n\n".join(sections) + "\n"
     )
+
+
+def replaced(tables: str, section: str) -> str:
+    """The tables with a new section in the place of that with the same heading, or at the end."""
+    heading = section.partition("\n")[0]
+    old = re.search(rf"^{re.escape(heading)}\n.*?(?=^## |\Z)", tables, re.MULTILINE | re.DOTALL)
+    if old is None:
+        return f"{tables}\n{section}\n"
+    return tables[: old.start()] + f"{section}\n\n{tables[old.end() :]}".rstrip() + "\n"
+
+
+def write_sections(target: Path, sections: list[str]) -> None:
+    """Write these sections of the page of tables alone, and the page with its counts."""
+    place = target.with_stem(f"{target.stem}-tables")
+    tables = functools.reduce(replaced, sections, place.read_text(encoding="utf-8"))
+    place.write_text(tables, encoding="utf-8")
+    data = json.loads((target.parent / "figures" / "performance.json").read_text(encoding="utf-8"))
+    target.write_text(first_screen.page(data, tables), encoding="utf-8")
 
 
 def write(target: Path, tables: str, results: dict) -> None:
@@ -75,8 +96,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="shorter runs: rougher numbers")
     parser.add_argument("--repeats", type=int, default=7, help="repeats of each measurement")
     parser.add_argument("--only", nargs="+", choices=TOPICS, default=list(TOPICS), help="these sections alone")
+    parser.add_argument("--python", default=sys.executable, help="an interpreter that has diffrax and OpenMM")
     parser.add_argument("--rows", default="", help="of the section loops: rows whose name matches alone")
-    parser.add_argument("--markdown", type=Path, help="write the tables to this page")
+    parser.add_argument("--markdown", type=Path, help="write the tables to this page, with --only these sections")
     parser.add_argument("--json", type=Path, help="write the numbers to this file")
     return parser.parse_args()
 
@@ -84,7 +106,7 @@ def parse() -> argparse.Namespace:
 def main() -> int:
     """Run everything and return the status for the shell."""
     options = parse()
-    setting = Setting(options.build, max(1, options.repeats), options.quick, options.rows)
+    setting = Setting(options.build, max(1, options.repeats), options.quick, options.rows, options.python)
     os.environ["SYMSDE_LIBRARY"] = str((options.build / "libsymsde.so").resolve())
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))
     results: dict = {"machine": machine.describe(setting)}
@@ -96,7 +118,9 @@ def main() -> int:
         sections.append(text)
     text = page(results["machine"], sections)
     print(text)
-    if options.markdown:
+    if options.markdown and options.only != list(TOPICS):
+        write_sections(options.markdown, sections)
+    elif options.markdown:
         write(options.markdown, text, results)
     if options.json:
         options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")

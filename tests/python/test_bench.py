@@ -12,8 +12,9 @@ import symsde as ss
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 
 from plain_rules import _synchrotron
+from run import replaced
 from scenes import SCENES
-from topics import left_out
+from topics import left_out, open_systems
 from topics.loops import FEW, GROUPS, SAVED, found, rows
 
 KNOWN = {name: scene for name, scene in SCENES.items() if scene.name}
@@ -123,3 +124,104 @@ def test_rows_of_loops_name_scenes():
     assert found("fpu16 gauss2")[0].nnoise == 16 and found("mean_field4 midpoint")[0].values["N"] == 4
     keys = [(row.group, row.name) for row in rows()]
     assert len(keys) == len(set(keys)) and {group for group, _ in keys} == set(GROUPS)
+
+
+def ends_of_loops(name, scene, steps, paths=1):
+    """Sum of final positions of a numba loop, and the normal numbers that it drew."""
+    from peers import langevin
+
+    where = langevin.SCENES[scene]
+    run = langevin.loop(name, where)
+    total = run(np.random.default_rng(5), where.q0, where.p0, where.horizon / steps, steps, paths)
+    return total, np.random.default_rng(5).normal(size=steps * where.dof * 2)
+
+
+@pytest.mark.parametrize("scene", ["double well", "fpu64"])
+@pytest.mark.parametrize("name", ["BAOAB", "Strang"])
+def test_splittings_are_their_equations_and_the_library_s(name, scene):
+    """Loop, NumPy and the library's word agree on the same increments; other increments give other ends."""
+    pytest.importorskip("numba"), pytest.importorskip("sympy")
+    from peers import langevin
+
+    steps, where = 40, langevin.SCENES[scene]
+    total, normals = ends_of_loops(name, scene, steps)
+    dw = math.sqrt(0.1) * normals[: steps * where.dof].reshape(steps, where.dof, 1)
+    end = langevin.given(name, where, dw)
+    assert total == pytest.approx(end[0, 0], abs=1e-10)
+    assert abs(langevin.given(name, where, 1.01 * dw)[0, 0] - total) > 1e-4
+    if name == "BAOAB":
+        how = {"q0": np.array(where.q0), "p0": 0.0, "step": 0.1, "steps": steps, "increments": dw}
+        run = ss.simulate(open_systems.damped(scene), scheme="word:BAOAB", **how)
+        np.testing.assert_allclose(np.concatenate([run.q[-1], run.p[-1]]), end, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("scene", ["double well", "fpu64"])
+def test_ubu_is_made_of_exact_flights(scene):
+    """One step is two flights around a kick; flights of half the length merge into one with the law of the whole."""
+    pytest.importorskip("numba")
+    from peers import langevin
+
+    where, (_, _, a, b, c) = langevin.SCENES[scene], langevin.flight(2.0)
+    n = where.dof
+    total, normals = ends_of_loops("UBU", scene, 1)
+    x, y = normals[: 2 * n].reshape(n, 2).T
+    u, v = np.random.default_rng(5).normal(size=2 * n + 2)[2 * n :]
+    noise = np.zeros((2, 2, n, 1))
+    noise[0, :, :, 0] = a * x, b * x + c * y
+    noise[1, 1, 0, 0] = b * u + c * v
+    assert total == pytest.approx(langevin.given("UBU", where, noise)[0, 0], rel=1e-12)
+    unit = np.array([[a, b], [0, c], [0, 0], [0, 0]])  # (normal, E or D) of the first flight, then of the second
+    first = np.stack([unit, np.roll(unit, 2, axis=0)])[:, :, :, None].transpose(0, 2, 3, 1)  # (flight, 2, dof, normal)
+    merged = langevin.flights(first, 2.0)[0, :, 0]
+    _, _, a, b, c = langevin.flight(4.0)
+    np.testing.assert_allclose(merged @ merged.T, [[a * a, a * b], [a * b, b * b + c * c]], rtol=1e-13)
+
+
+def test_splittings_have_their_orders():
+    """Strong orders one and two in the double well, as fitted between few steps, within 0.15."""
+    pytest.importorskip("numba"), pytest.importorskip("sympy")
+    for name, errors in open_systems.their_errors("double well").items():
+        (n0, e0), *_, (n1, e1) = sorted(errors.items())
+        order = math.log(e0 / e1) / math.log(n1 / n0)
+        assert abs(order - (2 if name == "UBU" else 1)) < 0.15, name
+
+
+def test_steps_to_an_error_follow_a_power_law():
+    errors = {10: 1e-2, 20: 2.5e-3, 40: 6.25e-4}
+    steps, beyond = open_systems.steps_to(errors, 1e-3)
+    assert steps == pytest.approx(10 * math.sqrt(10)) and not beyond
+    steps, beyond = open_systems.steps_to(errors, 1e-4)
+    assert steps == pytest.approx(100) and beyond
+    steps, beyond = open_systems.steps_to(errors, 4e-2)
+    assert steps == pytest.approx(5) and beyond
+
+
+def test_a_section_takes_the_place_of_its_old_one():
+    page = "# Tables\n\n## One\n\n1\n\n## Two\n\n2\n\n### deeper\n\n3\n\n## Three\n\n4\n"
+    assert replaced(page, "## Two\n\nnew") == "# Tables\n\n## One\n\n1\n\n## Two\n\nnew\n\n## Three\n\n4\n"
+    assert replaced(page, "## Three\n\nnew").endswith("3\n\n## Three\n\nnew\n")
+    assert replaced(page, "## Four\n\nnew") == page + "\n## Four\n\nnew\n"
+
+
+def test_tables_of_damped_systems_judge_each_row():
+    """A peer beside the library within its target, one beyond, and the verdicts."""
+    row = {"scene": "double well", "ns": 10.0, "beyond": False, "errors": {}}
+    ours = {**row, "package": "symsde", "scheme": "chin4a", "steps": 40.2, "us": 0.41}
+    slow = {**row, "package": "numba", "scheme": "BAOAB", "steps": 30000.0, "us": 300.0, "beyond": True}
+    near = {**row, "package": "numba", "scheme": "UBU", "steps": 200.0, "us": 2.0}
+    chain = {**ours, "scene": "fpu64"}
+    first, second, third, _ = open_systems.strong_table([slow, ours, near, chain]).splitlines()[2:]
+    assert "| symsde chin4a | 41     | 10 " in first and "met" not in first
+    assert "0.2 " in second and "missed" in second
+    assert "3e+04*" in third and third.endswith("| met    |")
+    cheap = {
+        "package": "symsde",
+        "scheme": "chin4a",
+        "bias": {0.4: (1e-3, 1e-4)},
+        "ns": 10.0,
+        "step": 0.4,
+        "cost": 25.0,
+    }
+    rows = [cheap, {**cheap, "package": "OpenMM", "scheme": "LangevinMiddle, CPU", "cost": 100.0}]
+    text = open_systems.bias_table(rows)
+    assert "+1.00 +- 0.10 at 0.4" in text and "0.25" in text and "missed" in text
