@@ -59,8 +59,8 @@ def test_the_time_scale_says_how_finely_areas_follow_the_path():
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
 def test_areas_by_the_path_give_strong_order_one_at_refine_zero(unit: float):
-    """Steps as drawn against the same path with halved steps. Slopes measured in each unit: 0.97 and 1.01; 0.54
-    without areas.
+    """Steps with areas as drawn are compared with halved steps on the same path. Slopes measured in each unit: 0.97
+    and 1.01; 0.54 without areas.
     """
     model = noncommuting(unit)
     levels, halvings = [2, 3, 4], 4

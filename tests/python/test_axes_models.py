@@ -247,7 +247,7 @@ PRODUCTS = axes.covering(scheme=("midpoint", "gauss2", "gauss3", "lobatto3", "ga
 
 @pytest.mark.parametrize("row", PRODUCTS, ids=map(axes.ident, PRODUCTS))
 def test_newtons_products(row):
-    """Stiff steps that solve all stages together without a matrix: a wrong product costs solves and shows nowhere
+    """Stiff steps solve all stages together without a matrix: a wrong product costs further solves, and changes nothing
     else."""
     n = row["n"]
     k = 300 + 200 * np.cos(np.arange(n))[:, None]

@@ -202,8 +202,8 @@ OBSERVED = axes.covering(**axes.AXES, kind=KINDS, save_every=(1, 3), absorb=(Fal
 
 @pytest.mark.parametrize("row", OBSERVED, ids=map(axes.ident, OBSERVED))
 def test_observers_tell_of_the_paths(row):
-    """Observers of every saved step against NumPy: also when a path left by a bridge, decided by the generator's
-    number.
+    """Observers of every saved step are compared with NumPy, also for paths that left by a bridge, as the generator's
+    number decides.
     """
     row = {**row, "paths": 300, "first_path": row["first_path"] // 256 * 256}  # first path of a shard
     ridges, how = scene_of(row, row["kind"])

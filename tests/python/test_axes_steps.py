@@ -165,7 +165,7 @@ class OwnWeights(reference.OneStep):
         return super().__call__(t, x, self.w * np.where(np.arange(len(self.w)) == 0, 1, share)[:, None])
 
 
-#: weights that sum to one: none at the first node or in the middle, a negative one, none equal to the drift's
+#: weights that sum to one: none at the first node, none in the middle, a negative one, none equal to the drift's
 NOISY = {2: ([0.0, 1.0], [1.3, -0.3], [0.3, 0.7]), 3: ([0.0, 0.4, 0.6], [0.3, 0.0, 0.7], [0.6, -0.1, 0.5])}
 QUADRATURES = (("gauss2", 2), ("lobatto2", 2), ("otr", 2), ("gauss3", 3), ("lobatto3", 3), ("lobatto2", 1),
                ("gauss2", 1), ("gauss3", 2), ("lobatto3", 2))  # fmt: skip

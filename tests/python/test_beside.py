@@ -18,7 +18,7 @@ RUN = {"q0": 0.7, "p0": 0.1, "step": 0.1, "steps": 20, "seed": 3, "paths": 7}
 
 
 def kicked(noises=1, strength=1.0):
-    """p_k = p_k(0) + strength W_k and q is constant: every scheme is exact."""
+    """A model with p_k = p_k(0) + strength W_k and constant q, for which every scheme is exact."""
     return ss.Model(
         ndof=noises,
         nnoise=noises,
@@ -96,7 +96,8 @@ def test_a_run_in_pieces_is_the_run():
 
 
 def test_states_between_steps_are_on_the_path():
-    """With half the step and refine=-1 the path is the same at whole steps, and W halfway has half of its variance."""
+    """With half the step and refine=-1 the path is the same at whole steps, and the variance of W after the first half
+    step is 1/2."""
     paths = 200_000
     options = {"q0": 0.0, "p0": 0.0, "paths": paths, "scheme": "symplectic_euler"}
     whole = ss.simulate(kicked(), step=1.0, steps=1, **options)

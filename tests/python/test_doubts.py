@@ -229,7 +229,9 @@ def test_absorb_unsaid_beside_other_results(call, beside):
 
 
 def test_absorb_unsaid_in_scenes(tmp_path, capsys):
-    """A scene gets the warning beside another observer, an observable or saved paths."""
+    """A scene that does not say whether a passage absorbs gets the warning if it has another observer, an observable
+    or saved paths.
+    """
     text = SCENE.replace("10.0", "0.2") + "save_every = 20\n{}\n" + PASSAGE + "{}"
     file = tmp_path / "scene.toml"
     cases = [("", "", False), ("[output]\npaths = [1]", "", True), ("[observables]\nr = 'q**2'", "", True)]

@@ -162,7 +162,7 @@ def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
 
 
 def test_skew_units_are_as_many_as_the_pilot_knows(pilot):
-    """Squares of normals, of which the pilot knows that 600 are needed: over 4000 answers their mean is 0 within 4.5
+    """Squares of normals, of which the pilot knows that 600 are needed: the mean of 4000 answers is 0 within 4.5
     standard errors (7e-6). Beginning with 256 units the mean would be wrong by seven standard errors, with 600 by
     five."""
     rng, pilot.tolerance = np.random.default_rng(8), make_tolerance(1.96 * (2 / 0.9 / 600) ** 0.5, None)

@@ -224,8 +224,8 @@ print(found.value.hex(), found.reached)
 
 
 def test_multilevel_by_itself_goes_on_after_a_kill(tmp_path):
-    """kill -9 when a second part gets its name: existing parts stay unchanged, and the value is that of an undisturbed
-    process."""
+    """After kill -9, sent when a second part gets its name, existing parts stay unchanged, and the value is that of an
+    undisturbed process."""
     begun, whole = tmp_path / "begun", tmp_path / "whole"
     killed = subprocess.run(words(signal.SIGKILL, 2, "shards/level-", PLACED, MLMC, begun), check=False)
     assert killed.returncode == -signal.SIGKILL

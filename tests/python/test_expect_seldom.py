@@ -125,8 +125,8 @@ def test_products_of_noises_that_do_not_commute_are_not_refused():
 
 
 def test_peaks_have_a_variance(monkeypatch):
-    """exp(-c (1 - q)^2) is at most 1, however its flanks fall. Powers of index 1 and 1.5 are still refused, up to two
-    of 20 samples, since 1 % look like a peak by chance (one set of samples in 10^3 has more)."""
+    """exp(-c (1 - q)^2) is at most 1, however its flanks fall. Powers of index 1 and 1.5 are still refused, with at
+    most two exceptions in 20 samples, since 1 % look like a peak by chance (one set of samples in 10^3 has more)."""
     rng = np.random.default_rng(1)
     peaks = [np.exp(-c * (1 - rng.standard_normal(2**16)) ** 2) for c in (1e5, 1e6, 1e7)]
     for values in peaks:

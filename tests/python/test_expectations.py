@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The expectations behind reports: every check just inside and just outside its bound; tables and pages as text."""
+"""Tests of the expectations behind reports: every check with values just inside and just outside its bound; tables and
+pages as text."""
 
 import json
 import math

@@ -129,7 +129,7 @@ def test_panels_of_mean_squares(drawn):
 
 
 def test_points_of_the_step(drawn):
-    """Points at their omega h and q: full if stable, circles for cycles; lines beside them."""
+    """Points are drawn at their omega h and q, full if stable: circles for cycles, squares for fixed points."""
     found = {scheme: [] for scheme in bifurcation.DRAWN}
     shown = found | {"stormer_verlet": [[1.5, 0.25, 1, 2]], "heun": [[2.5, -3.0, 0, 1]]}
     axes = drawn(bifurcation.save, {"points": {"hardening spring": shown, "pendulum": found}})

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tame formulas of exponentials, far out: values and derivatives against sixty digits, without overflow.
-Words of Python as names; how a power of a square is refused."""
+"""Tests of tame formulas of exponentials far from zero: values and derivatives against sixty digits, without overflow.
+Also words of Python as names, and the refusal of a power of a square."""
 
 import numpy as np
 import pytest

@@ -99,7 +99,7 @@ def test_other_savings_and_what_is_refused():
 
 
 def piece(**given):
-    """Arguments for the second half of a run, as a user might write them who gives only times and no first_step."""
+    """Arguments for the second half of a run, as a user might write them who gives times but no first_step."""
     first = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=10, paths=300)
     again = {"q0": first.q[-1], "p0": first.p[-1], "t0": first.t[-1], "step": 0.1, "steps": 10, "paths": 300}
     return {key: value for key, value in {**again, **given}.items() if value is not None}
@@ -147,7 +147,7 @@ def test_own_increments_and_no_noise_are_not_warned():
 
 
 def test_shards_do_not_say_it_again():
-    """An ensemble in other processes warns once, in the call."""
+    """An ensemble computed by another process warns once, in the calling process."""
     with ProcessPoolExecutor(1) as pool, pytest.warns(RepeatedNoiseWarning) as said:
         ss.ensemble(ss.models.kubo(), executor=pool, shard_paths=256, **piece())
     assert len(said) == 1

@@ -139,7 +139,7 @@ def test_what_stops_before_the_run_begins_carries_nothing(function, result, kubo
 
 @pytest.mark.parametrize("times", [10**5, 2 * 10**6])
 def test_moments_with_many_saved_times_show_progress_and_stop(times, kubo):
-    """Blocks report steps before they are done, and returning times that no path reached costs nothing.
+    """Blocks report steps before they are done, and saved times that no path has reached are returned without work.
 
     Blocks of few times may be done before the third report.
     """

@@ -31,7 +31,7 @@ paths = [0]
 
 
 def test_a_path_of_many_steps_is_resumed_to_the_same_bits(tmp_path, monkeypatch):
-    """A run is stopped after every fifteenth of its steps; |q|^2 + |p|^2 changes by rounding alone."""
+    """A path is stopped after every fifteenth of its steps and resumed; |q|^2 + |p|^2 changes by rounding alone."""
     (tmp_path / "scene.toml").write_text(LONG)
     given = ["run", str(tmp_path / "scene.toml"), "--quiet", "--checkpoint", "0.02", "--out"]
     assert command_line.main([*given, str(tmp_path / "whole")]) == command_line.OK

@@ -49,7 +49,7 @@ def callers():
 
 
 def traced(scheme, paths):
-    """The callers of a pendulum's force in every call during steps."""
+    """Names of the procedures that call a pendulum's force, for every call during steps."""
     seen = []
 
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - as C calls it

@@ -192,8 +192,8 @@ def test_estimate_of_a_bias():
 
 def test_differences_that_contradict_each_other_do_not_cancel():
     """The oscillator with q p and q^2/2 noises, h = 3/2, 3/4 and 3/8: differences change their sign, and the bias is
-    7e-3. Their weighted mean is -2e-3 +- 2e-3; this error would be right only if differences agreed within their
-    noise."""
+    7e-3. The weighted mean of the differences is -2e-3 +- 2e-3; this error would be right only if differences agreed
+    within their noise."""
     assert math.hypot(*bias.estimate([-1.25e-2, 1.06e-2], [3e-3, 4e-3], 1.0)) > 5e-3
     assert bias.estimate([2e-2, 1.06e-2], [3e-3, 4e-3], 1.0)[1] < 4e-3
 
@@ -368,7 +368,7 @@ def test_ctrl_c_gives_the_levels_that_were_begun(level, left, monkeypatch):
 
 
 def test_cost_is_all_that_was_spent(monkeypatch):
-    """With a clock that f alone advances: the first evaluation of f is counted, but for no level."""
+    """The clock is advanced by f alone: the first evaluation of f is counted in the total, but for no level."""
     clock = Clock()
     monkeypatch.setattr(time, "process_time", clock)
     found = ss.mlmc(ss.models.synchrotron(), **SYNCHROTRON | {"f": clock.f}, abs=0.3, steps=64, first=16)
@@ -386,7 +386,7 @@ def test_paths_that_all_fail_are_told_of():
 @pytest.mark.usefixtures("work_clock")
 def test_what_happens_seldom_is_not_taken_for_impossible(method):
     """P(q > 3.09 standard deviations) = 1e-3: the half width asks for a standard error of 5e-4. With probability 77 %
-    none of the first 256 paths meets the event, and their own scatter is 0."""
+    none of the first 256 paths meets the event, and the scatter of these paths is 0."""
     model = ss.models.linear_oscillator()
     edge = math.cos(2.0) + 3.0902 * math.sqrt(2.0 / 2 - math.sin(4.0) / 4)
     given = {**PLACE, "horizon": 2.0, "abs": 1e-3, "scheme": "verlet_dz"}

@@ -89,7 +89,9 @@ def run(*arguments):
 
 
 def test_values_in_runs_and_shards(file, module, tmp_path, allowed):
-    """Values are those of the paths, with any shards; beside formulas, in order; recorded in the table."""
+    """Values equal those from the paths, for any division into shards, also with formulas beside them; they keep
+    their order, and the table records them.
+    """
     for size in (256, 1024):
         assert run(file, "--out", tmp_path / str(size), "--shard-paths", size) == command_line.OK
     found = ss.open_run(tmp_path / "256").moments

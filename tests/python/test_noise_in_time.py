@@ -82,7 +82,7 @@ def enumerated(model: ss.Model, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize(("a", "b"), [(0.8, 0.8), (0.8, 0.0)])
 def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: float):
-    """Weak orders are measured as 1.98 and 1.99; for the first model 1.02 without {H_1(t_1), H_1(t_0)}."""
+    """Weak orders are measured as 1.98 and 1.99; without {H_1(t_1), H_1(t_0)} the first model has 1.02."""
     model, field = turning(a, b)
     exact = second_moments(field)
     coarse, fine = (np.abs(enumerated(model, count) - exact).max() for count in (32, 64))

@@ -78,7 +78,9 @@ def test_seeds_are_those_of_the_runs(results):
 
 
 def test_the_printed_table_is_that_of_the_file(outcome, results):
-    """Line by line: equations, quantity, measured, expected and verdict, cut at the columns of the table's rule."""
+    """The printed table agrees line by line with the file: equations, quantity, measured, expected and verdict, cut
+    at the columns of the table's rule.
+    """
     verdicts = {True: "ok", False: "FAILED", None: "-"}
     lines = iter(outcome[2].splitlines())
     for part in results.values():
@@ -239,7 +241,7 @@ def test_steps_satisfy_the_printed_equations(results):
 
 @pytest.mark.parametrize("case", PRINTED)
 def test_a_coefficient_one_per_cent_off_fails_the_printed_equations(case):
-    """One per cent off in each coefficient fails each equation that contains it; (79) contains none."""
+    """A coefficient that is one per cent off fails each equation that contains it; (79) contains none."""
     from symsde.studies.paper import euler_lagrange
     from symsde.studies.paper.experiment import Experiment
 

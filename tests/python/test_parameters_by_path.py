@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters of formulas as data: other values without other code, and values that differ from path to path.
+"""Tests of parameters of formulas as data: other values need no other code, and values that differ from path to path.
 
 Path i of a run has the bits of a run of path i alone whose parameters are arrays with one value, and agrees to 1e-13
 with a run whose parameters are numbers.

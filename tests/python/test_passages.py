@@ -82,7 +82,8 @@ def test_a_shared_noise_has_one_bridge():
 
 
 def test_own_noises_have_their_own_bridges():
-    """q_1 is moved by a shared noise, q_2 by a private one; bridges are right in parts and blocks, too."""
+    """q_1 is moved by a shared noise, q_2 by a private one; bridges of either kind are right in parts and blocks of a
+    run, too."""
     model, together = brownian(2), set()
     for seed in range(20):
         options = {"paths": 512, "seed": seed, "common_noise": [1]}

@@ -184,7 +184,7 @@ def test_paths_that_a_stop_cut_short_have_not_failed(ill):
 
 @pytest.mark.parametrize("ended", ["done", "stopped", "raised", "failed"])
 def test_a_reset_ends_what_was_begun(ended):
-    """However earlier calls ended: a reset run has the bits, counts and refusals of a new run, in single steps and
+    """However earlier calls ended, a reset run has the bits, counts and refusals of a new run, in single steps and
     in calls.
     """
     how = {"q0": np.full((2, 3), 0.1), "p0": 0.2, "step": 1e-3, "paths": 3, "seed": 3}

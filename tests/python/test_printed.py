@@ -316,8 +316,8 @@ def test_sizes_and_times_in_words():
 
 @pytest.mark.parametrize(("kind", "disk", "memory"), [("paths", 32 * 5, 16 * 5 * (2 + 3)), ("moments", 0, 0)])
 def test_memory_and_disk_of_a_dry_run(monkeypatch, kind, disk, memory):
-    """With 5 saved times: every path, q and p, is in a shard and in the results; memory is twice that plus three times
-    each thread's work. Moments take as much for many paths as for few."""
+    """With 5 saved times: every path, q and p, is in a shard and in the results; memory is twice their size plus three
+    times each thread's work. Moments take as much for many paths as for few."""
     monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
     run = {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "threads": 1}
     few, many = (
@@ -367,7 +367,9 @@ def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, piec
 
 @pytest.mark.parametrize(("found", "left"), [(0, 60), (15, 150)])
 def test_progress_tells_the_time_that_is_left(found, left, monkeypatch, caplog):
-    """A quarter takes 20 seconds: 60 are left. If 15 of its 25 parts were found finished, the 75 left take 150."""
+    """If a quarter of the work takes 20 seconds, 60 are left. If 15 of the quarter's 25 parts were found finished,
+    the other 10 took the 20 seconds, and the remaining 75 take 150.
+    """
     now = [100.0]
     monkeypatch.setattr(run_progress.time, "monotonic", lambda: now[0])
     with caplog.at_level(logging.INFO, logger="symsde"):

@@ -80,7 +80,7 @@ CHANGES = {
 
 @pytest.mark.parametrize(("file", "old", "new", "told"), CHANGES.values(), ids=CHANGES)
 def test_another_model_is_refused(file, old, new, told, own):
-    """The refusal names the file or value, with old and new; restored, the run goes on."""
+    """The refusal names the changed file or value, old and new; after the file is restored, the run goes on."""
     folder, run = own
     begin(run)
     text = (folder / file).read_text()

@@ -35,8 +35,8 @@ def driven(scheme, refine, step=0.05):
 
 @pytest.mark.parametrize(("refine", "decide"), [(-1, {"dZ"}), (-2, {"dZ", "K"}), (-3, {"dZ", "K"})])
 def test_schemes_share_a_halved_path_where_they_take_the_same_of_it(refine, decide):
-    """After whole steps of the halved run all schemes share W; between them W depends on the functionals drawn, and on
-    K from the second halving on, since K is part of the halves' dZ."""
+    """After whole steps of the halved run all schemes share W; between whole steps W depends on the functionals drawn,
+    and from the second halving on also on K, which is part of the halves' dZ."""
     found = [driven(scheme, refine, 0.05 * 2.0**refine) for scheme in GAUSSIAN]
     kinds = {taken for _, taken in found}
     assert {(), ("dZ",), ("dZ", "K")} <= kinds and len(kinds) < len(GAUSSIAN)

@@ -172,7 +172,7 @@ def test_a_path_alone_fails_as_in_company(masses, scheme):
 
 
 def test_truncation_takes_an_order_and_a_time():
-    """Increments end at sqrt(h) sqrt(2 l |log(h/tau)|), which one in 2000 of these would exceed."""
+    """Increments end at sqrt(h) sqrt(2 l |log(h/tau)|), a bound that one in 2000 of these increments would exceed."""
     order, time, step = 1.0, 20.0, 0.05
     given = {"step": step, "steps": 1000, "paths": 100}
     cut, whole = (abs(ss.increments(ss.models.kubo(), truncation=x, **given)).max() for x in ((order, time), None))
@@ -341,7 +341,7 @@ print(run.report.threads)
 
 
 def with_threads(value, more=""):
-    """Threads of a run in a process with this SYMSDE_NUM_THREADS, or the error that it prints."""
+    """Number of threads of a run in a process with this SYMSDE_NUM_THREADS, or the error that the process prints."""
     environment = {**os.environ, "SYMSDE_NUM_THREADS": value, "OMP_NUM_THREADS": "2"}
     code = THREADS % more
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)

@@ -194,7 +194,7 @@ def test_a_file_of_state_that_cannot_be_read_costs_only_time(tmp_path, monkeypat
 
 
 def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
-    """Some paths of the reference escape and are compared with nothing; if most do, there is no reference."""
+    """Paths of the reference that escape are not compared; if most paths escape, there is no reference."""
     model = ss.models.henon_heiles(sigma1=0.5, sigma2=0.5)
     given = {"q0": 0.2, "p0": 0.0, "steps": [64, 128], "reference": "chin4a", "reference_steps": 512, "paths": 200}
     table = ss.convergence(model, "stormer_verlet", horizon=6.0, **given)

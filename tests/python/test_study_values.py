@@ -339,7 +339,8 @@ def test_what_is_drawn(result):
 
 
 def test_weak_errors_are_drawn_and_hollow_where_they_may_be_zero(result):
-    """The largest error of E q, E p and E H of every point; a hollow point may be zero and has only an upper bar."""
+    """The largest error of E q, E p and E H of every point; an error that may be zero is a hollow point, with only an
+    upper bar."""
     figures = pytest.importorskip("matplotlib.figure")
     made = [cost_row("a", 1.0, 0.2, 1.0, weak_q=-0.3, weak_q_ci=0.1, weak_p=0.2, weak_p_ci=0.01),
             cost_row("a", 0.5, 0.1, 2.0, weak_q=0.01, weak_q_ci=0.03, weak_p=0.0, weak_p_ci=0.2),

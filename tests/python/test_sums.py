@@ -51,8 +51,8 @@ IN_TIME = ("Sum(q[i]*cos(3*t), i)", "t*Sum(q[i+1]*p[i], i)", "Sum(t + q[i], i)/(
 @pytest.mark.parametrize("formula", IN_TIME)
 @pytest.mark.parametrize("paths", [1, 3, 20])
 def test_formulas_beside_a_function_are_taken_at_their_times(formula, paths):
-    """A Python function gets several saved times at once, unless a formula beside it uses the time, also in sums: its
-    values are the same in both cases."""
+    """A Python function gets several saved times at once, unless a formula beside it uses the time, in a sum or
+    outside. The formula's values are the same with and without a function beside it."""
     run = {**RUN, **start(), "paths": paths, "save_every": 1}
     alone = ss.moments(chain("periodic"), observables={"f": formula}, **run)
     beside = ss.moments(chain("periodic"), observables={"f": formula, "own": lambda q, p: q[0] + 0 * p[0]}, **run)

@@ -197,7 +197,7 @@ def test_the_limit_that_is_told_is_that_of_the_scheme(monkeypatch):
 
 
 def test_kicks_are_explicit_whatever_else_a_model_declares(monkeypatch):
-    """H = p^2/2 - cos q with noise in position, which does not declare that it is separable."""
+    """H = p^2/2 - cos q with noise in position, by a model that does not declare itself separable."""
     monkeypatch.setattr(sys.modules["symsde.answers.advice.advise"], "scheme_names", lambda *_: ["gauss_dkdkd"])
     model = ss.Model(
         ndof=1, nnoise=1, identity_mass=True, position_noise=True,

@@ -239,7 +239,7 @@ def test_an_escape_that_the_pilot_does_not_see_ends_the_work():
         found.look(seen, as_scheme("stormer_verlet"), 40)
     with pytest.raises(ss.errors.NumericalError, match=r"of 327.. values the largest fall off"):
         found.look(Tally.of(rare), as_scheme("stormer_verlet"), 40)
-    found.look(Tally.of(rare), as_scheme("stormer_verlet"), 40)  # once
+    found.look(Tally.of(rare), as_scheme("stormer_verlet"), 40)  # a refusal is given only once
     with pytest.raises(ss.errors.NumericalError, match="their variance overflows"):
         found.look(Tally(10, 0.0, math.inf), as_scheme("stormer_verlet"), 40)
 

@@ -128,7 +128,7 @@ def test_no_lane_is_silently_wrong(early, scheme):
     assert not fine[2:].any()
     assert (run.failed_step[2:] == 0).all()
     if early in {"gradient", "flow"} and scheme in {"symplectic_euler", "stormer_verlet", "heun", "euler_maruyama"}:
-        assert (run.status[2:] == 3).all()  # nonfinite
+        assert (run.status[2:] == 3).all()  # the status nonfinite
     assert np.isnan(run.q[1:, :, 2:]).all()
 
 

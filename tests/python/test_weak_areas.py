@@ -61,7 +61,9 @@ def second_moments(model, scheme, h):
 
 @pytest.mark.parametrize(("scheme", "order"), [("gauss2_weak2_areas", 2.0), ("gauss2_weak2", 1.0)])
 def test_second_moments_of_a_linear_problem(scheme, order):
-    """H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2 to t = 1, against exp of the generator."""
+    """Second moments of H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2 at t = 1, against the exponential of the
+    generator.
+    """
     s1, s2 = 0.7, 0.9
     model = ss.models.noncommutative_oscillator(s1=s1, s2=s2)
     noise = [np.array([[0, s1], [0, 0]]), np.array([[0, 0], [-s2, 0]])]
