@@ -15,10 +15,11 @@ module symsde_scheme_damped
    use symsde_scheme_decays, only: free_temperature
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_kicks, only: flow_free
-   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, splitting_form, frame_none
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, splitting_form, &
+                                   frame_none, frame_shift, frame_rotation
    implicit none
    private
-   public :: damped_refusal, keeps_damped_volume, temperature_at_rest
+   public :: damped_refusal, keeps_damped_volume, temperature_at_rest, temperature_of_weights
    public :: one_rate, unequal_rates, friction_matrix
 
    enum, bind(c)
@@ -43,15 +44,16 @@ contains
       if (scheme%law /= law_gaussian) then
          why = 'draws increments for means alone, whose order nobody has found for damped momenta'
       else if (.not. (scheme%form == tableau_form .or. scheme%form == splitting_form) .or. &
-               scheme%frame /= frame_none .or. scheme%kicks%flow /= flow_free) then
-         why = 'is neither a tableau, whose coefficients decay, nor made of free drifts and kicks'
+               all(scheme%frame /= [frame_none, frame_shift, frame_rotation])) then
+         why = 'is neither a tableau, whose coefficients decay, nor made of kicks and of flows that decay'
       else if (brackets%single .or. brackets%nested) then
          why = 'adds brackets of H, which damping would change in time'
       else if (scheme%kicks%is_word() .and. kind /= one_rate) then
          why = 'is a word, whose noise has one law for all momenta, that of one rate'
       else if ((brackets%areas .or. products) .and. kind /= one_rate) then
          why = 'adds products of gradients, which keep their form where all rates are equal'
-      else if (kind == friction_matrix .and. scheme%form == tableau_form .and. scheme%nstage > 1) then
+      else if (kind == friction_matrix .and. scheme%form == tableau_form .and. scheme%frame == frame_none .and. &
+               scheme%nstage > 1) then
          why = 'is a tableau of several stages, or executed as one: its decays are numbers, no matrices'
       end if
    end subroutine damped_refusal
@@ -66,16 +68,36 @@ contains
    end function keeps_damped_volume
 
    !> Mean of p^2 of a free particle in a bath of one rate, over the exact mean 1/beta: one if kicks have the exact law
-   !> of the noise, as kicks with dZ and kicks of words have.
+   !> of the noise, as kicks between free drifts, the shift by dZ and kicks of words have.
    pure real(wp) function temperature_at_rest(scheme, z) result(ratio)
       type(scheme_type), intent(in) :: scheme   !! a scheme that runs with one rate of damping
       real(wp), intent(in) :: z                 !! gamma h > 0
-      real(wp) :: w(size(scheme%c), 1)
 
       ratio = 1
-      if (scheme%form == splitting_form) return
-      w(:, 1) = scheme%beta
-      ratio = free_temperature(scheme%c, w, z)
+      if (scheme%frame == frame_shift .or. (scheme%form == splitting_form .and. scheme%kicks%flow == flow_free)) return
+      ratio = temperature_of_weights(scheme, z)
    end function temperature_at_rest
+
+   !> The same where the noise keeps its weights without damping.
+   pure real(wp) function temperature_of_weights(scheme, z) result(ratio)
+      type(scheme_type), intent(in) :: scheme   !! a scheme that runs with damping
+      real(wp), intent(in) :: z                 !! gamma h > 0
+      real(wp) :: w(size(scheme%c), 3)          ! weights of dW, a and K in each node
+
+      if (scheme%frame == frame_shift) then
+         ! p receives exp(-z/2) dW - z a, with Var a = h/12.
+         ratio = (exp(-z) + z**2/12)*2*z/(1 - exp(-2*z))
+         return
+      end if
+      w = 0
+      if (allocated(scheme%kicks%beta)) then
+         w(:, 1) = scheme%kicks%beta
+         w(:, 2) = scheme%kicks%gamma
+         w(:, 3) = scheme%kicks%eta
+      else
+         w(:, 1) = scheme%beta
+      end if
+      ratio = free_temperature(scheme%c, w, z)
+   end function temperature_of_weights
 
 end module symsde_scheme_damped

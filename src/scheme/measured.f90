@@ -365,7 +365,7 @@ module symsde_scheme_measured
                                    measurement('lambda:0.3', weak_order, 'noncommutative_oscillator', &
                                                1.0_wp, 0.003_wp, 0.0_wp)]
    type(measurement), parameter :: found(*) = [additive, commutative, general, commuting, weak]
-   type(damped_measurement), parameter :: damped(31) = [ &
+   type(damped_measurement), parameter :: damped(36) = [ &
                                           damped_measurement('midpoint', [1.06_wp, 1.09_wp]), &
                                           damped_measurement('symplectic_euler', [1.04_wp, 0.99_wp]), &
                                           damped_measurement('symplectic_euler_adjoint', [0.99_wp, 1.02_wp]), &
@@ -389,13 +389,18 @@ module symsde_scheme_measured
                                           damped_measurement('P2N3Q6Gau', [1.07_wp, 1.08_wp]), &
                                           damped_measurement('P2N4Q6Lob', [1.07_wp, 1.08_wp]), &
                                           damped_measurement('midpoint_areas', [1.06_wp, 1.09_wp]), &
+                                          damped_measurement('verlet_dz', [2.06_wp, 0.0_wp]), &
                                           damped_measurement('drift_preserving', [1.05_wp, 0.0_wp]), &
+                                          damped_measurement('exact_rotation', [1.05_wp, 0.99_wp]), &
                                           damped_measurement('gauss_dkdkd', [1.93_wp, 1.7_wp]), &
                                           damped_measurement('verlet_kdk', [1.99_wp, 1.96_wp]), &
                                           damped_measurement('chin4a', [3.0_wp, 1.47_wp]), &
                                           damped_measurement('gauss_dkdkd_strong2', [1.93_wp, 2.03_wp]), &
                                           damped_measurement('verlet_kdk_strong2', [1.99_wp, 2.01_wp]), &
                                           damped_measurement('chin4a_strong2', [3.0_wp, 2.58_wp]), &
+                                          damped_measurement('gauss_dkdkd_rotation', [1.96_wp, 1.67_wp]), &
+                                          damped_measurement('gauss_dkdkd_midpoint', [2.03_wp, 1.88_wp]), &
+                                          damped_measurement('verlet_kdk_midpoint', [2.0_wp, 1.98_wp]), &
                                           damped_measurement('heun', [1.11_wp, 1.12_wp])]
 
 contains

@@ -12,7 +12,6 @@
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_damping, only: damping_type, noise_of_scheme
-   use symsde_base_functionals, only: path_dz
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
@@ -27,6 +26,7 @@ module symsde_step_factory
                                    correction_increments, frame_shift, frame_mean_path, frame_rotation, ito_form, &
                                    galerkin_form, splitting_form, bracket_terms, frame_none
    use symsde_solve_newton, only: newton_options, check_newton
+   use symsde_step_open_kick_law, only: can_choose
    use symsde_step_open_damped, only: damped_stepper, damped_fits
    use symsde_step_open_rubbed, only: rubbed_stepper
    use symsde_step_hamiltonian_brackets, only: active_brackets
@@ -218,7 +218,11 @@ contains
       task%model => model
       task%nlane = nlane
       if (task%damping%acts() .and. .not. task%general) then
-         if (flow_is_damped(task)) then
+         if (task%scheme%frame == frame_shift) then
+            allocate (verlet_dz_stepper :: stepper)
+            call stepper%make(task)
+            return
+         else if (flow_is_damped(task)) then
             allocate (model_flow_stepper :: stepper)
             call stepper%make(task)
             return
@@ -326,8 +330,8 @@ contains
       else if (.not. task%damping%is_scalar()) then
          call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights of '// &
                      'the closed system')
-      else if (.not. task%scheme%asks%has(path_dz) .or. task%scheme%form /= splitting_form) then
-         call refuse('scheme '//task%scheme%name//' has no kicks that follow dZ')
+      else if (.not. can_choose(task%scheme)) then
+         call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
       end if
 
    contains

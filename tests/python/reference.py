@@ -348,7 +348,8 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None):
     midpoint, sampled = name.endswith("_midpoint"), name.endswith("_strong2")
     a = drive.z / h - drive.w / 2
     w = [beta[i] * drive.w + kicks.gamma[i] * a + kicks.eta[i] * drive.k for i in range(len(beta))]
-    if rates is not None and len(set(rates)) == 1:  # the noise of free motion has its law
+    free = not midpoint and rotation is None
+    if free and rates is not None and len(set(rates)) == 1:  # the noise of free motion has its law
         nodes = 1 - np.array(kicks.c)
         phi = [_reach(rates[0] * h, u) for u in nodes]
         rest = _law(rates[0] * h, drive.w, a, drive.k, name.startswith("chin"))
@@ -370,6 +371,10 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None):
     flow = partial(_midpoint_flow if midpoint else _turn_flow, model, omega)
     if rates is not None:
         flow = partial(_decay_flow, model, np.array(rates)[:, None])
+        if midpoint:
+            flow = partial(_midpoint_decay_flow, model, np.array(rates))
+        elif rotation is not None:
+            flow = partial(_turn_decay_flow, omega, np.array(rates))
 
     place = 0.0
     for i, ci in enumerate(kicks.c):
@@ -413,6 +418,30 @@ def _decay_flow(model, rates, t, h, x):
     return np.concatenate([x[:n] + np.einsum("bcl,cl->bl", mass, tau * x[n:]), np.exp(-rates * h) * x[n:]])
 
 
+def _turn_decay_flow(omega, rates, _t, h, x):
+    """The same under p.p/2 + sum omega^2 q^2/2, for every degree of freedom the exponential of a matrix of two rows."""
+    n = len(omega)
+    moved = [exponential(h * np.array([[0, 1], [-(o**2), -r]])) @ x[[k, n + k]] for k, (o, r) in
+             enumerate(zip(omega, rates, strict=True))]  # fmt: skip
+    return np.concatenate(np.swapaxes(moved, 0, 1))
+
+
+def exponential(matrix):
+    """exp(matrix), by 20 terms of the series of a small part of it and squares."""
+    squares = max(0, int(np.ceil(np.log2(np.abs(matrix).sum(axis=1).max() + 1e-300))) + 2)
+    total = term = np.eye(len(matrix))
+    for k in range(1, 21):
+        term = term @ matrix / (k * 2.0**squares)
+        total = total + term
+    return np.linalg.matrix_power(total, 2**squares)
+
+
+def _midpoint_decay_flow(model, rates, t, h, x):
+    """A midpoint step between two halves of the decay."""
+    half = np.exp(-np.concatenate([0 * rates, rates]) * h / 2)[:, None]
+    return half * _midpoint_flow(model, None, t, h, half * x)
+
+
 class Clocked:
     """The Hamiltonians of P = exp(gamma (t - t_n)) p, whose steps from t_n are those of damped momenta.
 
@@ -438,8 +467,10 @@ class Clocked:
 
 def damped_step(name, model, t, drive, x, *, rates, **how):
     """The same with damped momenta, by kicks or by a clock."""
-    if "kdk" in name or "dkd" in name or "chin" in name:
-        return kicks_step(model, name, t, drive, x, rates=rates)
+    if "kdk" in name or "dkd" in name or "chin" in name or name == "exact_rotation":
+        return kicks_step(model, name, t, drive, x, rates=rates, rotation=how.get("rotation"))
+    if name == "verlet_dz":
+        return damped_verlet_dz_step(model, t, drive, x, np.array(rates)[:, None])
     x = step(name, Clocked(model, t, rates), t, drive, x, **how)
     return x * np.exp(-np.concatenate([np.zeros(model.ndof), rates]) * drive.h)[:, None]
 
@@ -485,6 +516,25 @@ def verlet_dz_step(model, t, drive, x):
     p = p + (np.einsum("kl,kal->al", drive.w, middle) + _change(model, t, drive, x))[n:]
     last = np.einsum("kl,kal->al", drive.z - h * drive.w / 2, middle)[n:]
     return np.concatenate([half + h / 2 * p + last, p])
+
+
+def damped_verlet_dz_step(model, t, drive, x, rates):
+    """The same between half drifts that decay; with one rate q and p receive D and W - gamma D."""
+    n, h = model.ndof, drive.h
+    flow = partial(_decay_flow, model, rates, t, h / 2)
+    half = flow(x)
+    p = half[n:] - h * model.derivative(1, t + h / 2, half)[0, :n]
+    middle = _ends(model, t, h, x)[1]
+    shift = drive.z - h * drive.w / 2
+    if len(set(rates[:, 0])) == 1:
+        a = drive.z / h - drive.w / 2
+        shift = h * (_law(rates[0, 0] * h, drive.w, a, drive.k, third=False) - _reach(rates[0, 0] * h, 1 / 2) * drive.w)
+    kick = np.einsum("kl,kal->al", drive.w, middle)
+    begin, _, end = _ends(model, t, h, x)
+    kick = kick - np.einsum("kl,kal->al", shift / h, end - begin)
+    x = flow(np.concatenate([half[:n], p + kick[n:]]))
+    moved = np.einsum("kl,kal->al", shift, middle)[n:]
+    return x + np.concatenate([moved, -rates * moved])
 
 
 def averaged_shift_step(model, t, drive, x, exact):

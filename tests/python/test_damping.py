@@ -305,8 +305,7 @@ def test_refusals():
     for scheme, why in (
         ("gauss2_strong32", "adds brackets of H"),
         ("midpoint_weak1", "draws increments for means alone"),
-        ("gauss_dkdkd_midpoint", "neither a tableau, whose coefficients decay, nor made of free drifts and kicks"),
-        ("euler_maruyama", "neither a tableau"),
+        ("euler_maruyama", "neither a tableau, whose coefficients decay, nor made of kicks and of flows that decay"),
     ):
         with pytest.raises(IncompatibleError, match=f"model synchrotron is damped, and scheme {scheme} .*{why}"):
             ss.simulate(model, scheme=scheme, **given)

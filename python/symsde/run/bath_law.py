@@ -127,7 +127,8 @@ def _bound(square: float, sigma: float) -> Model:
         return square * one, 0 * one, one
 
     traits = dict.fromkeys(("separable", "additive", "position_noise", "quadratic", "identity_mass"), True)
-    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="oscillator", **traits)
+    turn = [float(np.sqrt(square))]
+    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="oscillator", rotation=turn, **traits)
 
 
 def _pendulum() -> Model:
@@ -141,7 +142,7 @@ def _pendulum() -> Model:
         return one * np.cos(q)[0], 0 * one, one
 
     traits = dict.fromkeys(("separable", "additive", "position_noise", "identity_mass"), True)
-    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="pendulum", **traits)
+    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="pendulum", rotation=[1.0], **traits)
 
 
 def _damped(model: Model, rate: float) -> Model:

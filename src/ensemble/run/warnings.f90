@@ -13,8 +13,9 @@ module symsde_ensemble_run_warnings
    use symsde_ensemble_options, only: run_options, time_rounding, latest_time
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_offers, offers_of
-   use symsde_scheme_decays, only: free_temperature
+   use symsde_scheme_damped, only: temperature_of_weights
    use symsde_scheme_scheme, only: scheme_type, frame_rotation, splitting_form
+   use symsde_step_open_kick_law, only: has_law
    implicit none
    private
    public :: set_up_warnings
@@ -50,7 +51,7 @@ contains
       call find_bounds(model, nlane, options%t0, q, p, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
-      call warn_of_damping(text, scheme, model%traits, model%damping, options%step)
+      call warn_of_damping(text, scheme, model%traits, model%damping, options)
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
       if (time_rounding(options) > 0.01_wp) &
@@ -113,17 +114,16 @@ contains
    !> temperature of a free particle. Kicks with dZ and one rate of damping have the exact law and are judged by their
    !> size: if momenta decay for many decay times after the last kick, they keep only noise of that time, and only large
    !> and opposite kicks reproduce its law.
-   subroutine warn_of_damping(text, scheme, traits, damping, h)
+   subroutine warn_of_damping(text, scheme, traits, damping, options)
       character(:), allocatable, intent(inout) :: text
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
       type(damping_type), intent(in) :: damping
-      real(wp), intent(in) :: h
+      type(run_options), intent(in) :: options
       real(wp), parameter :: short = 0.25_wp      ! gamma h up to which the order of the scheme describes its errors
       real(wp), parameter :: most = 0.01_wp       ! largest relative error of the mean of p^2
       real(wp), parameter :: longest = 4          ! largest number of decay times after the last kick
       real(wp) :: z, ratio, last
-      real(wp), allocatable :: w(:, :)            ! weights of dW, a and K (node, 1 or 3)
       integer :: i
 
       ! Noise and decay of a word have the law of the bath for every gamma h.
@@ -132,35 +132,27 @@ contains
          if (all(traits%silent)) return
       end if
       if (allocated(damping%rate)) then
-         z = maxval(damping%rate)*h
+         z = maxval(damping%rate)*options%step
       else if (traits%identity_mass) then
          ! No eigenvalue of a matrix that is larger is known without work, nor the mass of the model.
          z = 0
          do i = 1, traits%ndof
-            z = max(z, damping%friction(i, i)*h)
+            z = max(z, damping%friction(i, i)*options%step)
          end do
       else
          return
       end if
       if (.not. z > short) return
-      if (scheme%form /= splitting_form) then
-         allocate (w(size(scheme%c), 1))
-         w(:, 1) = scheme%beta
-         ratio = free_temperature(scheme%c, w, z)
-      else if (scheme%kicks%uses_dz() .and. damping%is_scalar()) then
-         last = scheme%kicks%c(size(scheme%kicks%c))
+      if (has_law(scheme, damping, options%damping_noise)) then
+         last = 1
+         if (scheme%form == splitting_form) last = scheme%kicks%c(size(scheme%kicks%c))
          if ((1 - last)*z > longest) &
             call add(text, 'gamma*h = '//to_text(z)//' of the damping is too large for '//scheme%name// &
                      ', whose last kick comes '//to_text(1 - last)//' h before the end of the step: kicks by '// &
                      'noise become large and opposite; take verlet_kdk or chin4a, or a smaller step')
          return
-      else
-         allocate (w(size(scheme%kicks%c), 3))
-         w(:, 1) = scheme%kicks%beta
-         w(:, 2) = scheme%kicks%gamma
-         w(:, 3) = scheme%kicks%eta
-         ratio = free_temperature(scheme%kicks%c, w, z)
       end if
+      ratio = temperature_of_weights(scheme, z)
       if (abs(ratio - 1) > most) &
          call add(text, 'gamma*h = '//to_text(z)//' of the damping is large for '//scheme%name// &
                   ': the noise gives a free particle at rest '//to_text(ratio)//' times the right mean of p^2; '// &

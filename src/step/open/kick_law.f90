@@ -7,28 +7,39 @@
 !> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Of its law D_k is linear in dW, a and K: beta, gamma and eta
 !> of these two kicks change with gamma h. Of the path D_k is a functional, with the factor delta. With polynomial
 !> weights nothing changes.
+!>
+!> Verlet with dZ (step/explicit/verlet_dz) has one kick dW_k in the middle and a shift of q by D_k - phi(h/2) dW_k.
 module symsde_step_open_kick_law
    use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path, noise_polynomial
    use symsde_base_functionals, only: functional_set, path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
    use symsde_noise_decay_law, only: decay_law2, decay_law3, decay_integral
-   use symsde_scheme_kicks, only: kicks_type
-   use symsde_scheme_scheme, only: scheme_type
+   use symsde_scheme_kicks, only: kicks_type, flow_free
+   use symsde_scheme_scheme, only: scheme_type, splitting_form, frame_shift
    implicit none
    private
-   public :: give_law, has_law, needed_functionals
+   public :: give_law, has_law, can_choose, needed_functionals, free_motion
 
 contains
 
-   !> Whether the noise of these kicks is that of free motion with decay.
-   pure logical function has_law(kicks, damping, noise)
-      type(kicks_type), intent(in) :: kicks
+   !> Whether steps of a scheme give the noise of free motion with decay: one rate damps, drifts between kicks are free,
+   !> and the noise follows dZ.
+   pure logical function has_law(scheme, damping, noise)
+      type(scheme_type), intent(in) :: scheme
       type(damping_type), intent(in) :: damping
       integer, intent(in) :: noise   !! of the enumerators of base/damping
 
-      has_law = damping%acts() .and. damping%is_scalar() .and. kicks%uses_dz() .and. noise /= noise_polynomial
+      has_law = damping%acts() .and. damping%is_scalar() .and. noise /= noise_polynomial .and. can_choose(scheme)
    end function has_law
+
+   !> Whether a scheme can give the noise of free motion.
+   pure logical function can_choose(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      can_choose = scheme%asks%has(path_dz) .and. (scheme%frame == frame_shift .or. &
+                                                   (scheme%form == splitting_form .and. scheme%kicks%flow == flow_free))
+   end function can_choose
 
    !> The functionals of the path that a step of this scheme needs for a model with these traits and this damping.
    pure type(functional_set) function needed_functionals(scheme, traits, damping, noise) result(needed)
@@ -39,7 +50,7 @@ contains
       type(functional_set) :: asked
 
       asked = scheme%asks
-      if (noise /= noise_of_scheme .and. damping%acts() .and. damping%is_scalar()) then
+      if (noise /= noise_of_scheme .and. has_law(scheme, damping, noise)) then
          asked%has(path_stt_area) = asked%has(path_stt_area) .or. noise == noise_law3 .or. noise == noise_path
          asked%has(path_decay) = noise == noise_path
          if (noise == noise_path) asked%rate = damping%rate(1)
@@ -58,14 +69,7 @@ contains
 
       last = size(closed%c)
       phi = decay_integral(1 - closed%c, z)
-      d = 0
-      if (noise == noise_path) then
-         d(4) = 1
-      else if (noise == noise_law3 .or. (noise == noise_of_scheme .and. closed%uses_k())) then
-         d(:3) = decay_law3(z)
-      else
-         d(:3) = decay_law2(z)
-      end if
+      d = free_motion(z, noise, closed%uses_k())
       d(1) = d(1) - sum(phi*closed%beta)
       d(2) = d(2) - sum(phi*closed%gamma)
       d(3) = d(3) - sum(phi*closed%eta)
@@ -79,5 +83,22 @@ contains
       kicks%eta(last) = closed%eta(last) - d(3)
       kicks%delta(last) = -d(4)
    end subroutine give_law
+
+   !> Coefficients of dW, a and K in D/h, and of the path's own D/h.
+   pure function free_motion(z, noise, follows_k) result(d)
+      real(wp), intent(in) :: z            !! gamma h
+      integer, intent(in) :: noise         !! of the enumerators of base/damping
+      logical, intent(in) :: follows_k     !! whether the scheme draws K, too
+      real(wp) :: d(4)
+
+      d = 0
+      if (noise == noise_path) then
+         d(4) = 1
+      else if (noise == noise_law3 .or. (noise == noise_of_scheme .and. follows_k)) then
+         d(:3) = decay_law3(z)
+      else
+         d(:3) = decay_law2(z)
+      end if
+   end function free_motion
 
 end module symsde_step_open_kick_law

@@ -24,16 +24,16 @@
 !>
 !> Private to its family.
 module symsde_step_splitting_coefficients
-   use symsde_base_damping, only: damping_type, noise_of_scheme
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_polynomial
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, path_decay, pair_index
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_supports, only: noise_colours, sort_noises
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times, scale
-   use symsde_scheme_kicks, only: kicks_type, mean_coefficient
+   use symsde_scheme_kicks, only: kicks_type, mean_coefficient, flow_free
    use symsde_scheme_words, only: give_word_law
-   use symsde_step_open_kick_law, only: give_law, has_law
+   use symsde_step_open_kick_law, only: give_law
    implicit none
    private
    public :: kick_weights, new_kick_weights, add_product
@@ -91,8 +91,8 @@ contains
       self%closed = kicks
       self%damping = damping
       self%damping_noise = damping_noise
-      if (has_law(kicks, damping, damping_noise)) self%rate = damping%rate(1)
-      if (kicks%is_word() .and. allocated(damping%rate)) self%rate = damping%rate(1)
+      if (damping%acts() .and. damping%is_scalar() .and. kicks%flow == flow_free .and. &
+          damping_noise /= noise_polynomial .and. (self%uses_dz .or. kicks%is_word())) self%rate = damping%rate(1)
       ! D multiplies products in kicks with a nonzero share; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies

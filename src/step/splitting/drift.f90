@@ -6,9 +6,16 @@
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
 !>
 !> In a damped model the free flow decays, by the rate gamma_i of every degree of freedom (or by a matrix of friction,
-!> see step/open/friction):
+!> see step/open/friction), and so does a rotation:
 !>
 !>    q <- q + phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
+!>    q <- q + (g - 1) q + s p,   p <- p + (g - 1 - gamma s) p - omega^2 s q
+!>
+!> with the response s of q to a kick of p and g = s' + gamma s. For mu = gamma/2, kappa^2 = omega^2 - mu^2 these are
+!> s = exp(-mu tau) sin(kappa tau)/kappa and g = exp(-mu tau) cos(kappa tau) + mu s, or hyperbolic functions. Where
+!> damping is strong, with the rates r = mu + sgn(mu) sqrt(-kappa^2), omega^2/r, and phi_r = (1 - exp(-r tau))/r,
+!>
+!>    s = exp(-omega^2 tau/r) phi_{r - omega^2/r},   g - 1 = omega^2 (phi_r - phi_{omega^2/r})/(r - omega^2/r)
 !>
 !> Increments are moved, not states, so that rounding errors are relative to increments: with (x, y) = (q + dq, p + dp),
 !>
@@ -29,6 +36,7 @@ module symsde_step_splitting_drift
    use symsde_base_damping, only: damping_type, decay_less_one
    use symsde_base_sincos, only: sine_of
    use symsde_noise_decay_law, only: decay_integral
+   use symsde_step_open_coupled_rotation, only: coupled_rotation, new_coupled_rotation
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
    implicit none
    private
@@ -39,6 +47,7 @@ module symsde_step_splitting_drift
       logical, public :: rotates = .false.
       logical, public :: decays = .false.
       type(friction_flow), allocatable, public :: friction  !! flow with a matrix of friction
+      type(coupled_rotation), allocatable :: coupled        !! rotation with a matrix of friction
       logical, public :: decays_at_kicks = .false.
       real(wp), allocatable :: part(:)             !! of a word: part of the decay before each kick (nkick)
       logical, public :: one_rate = .false.        !! all degrees of freedom decay alike
@@ -47,7 +56,7 @@ module symsde_step_splitting_drift
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
       real(wp), allocatable :: duration(:)         !! tau of each leg, whose coefficients follow (nleg)
       real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
-      !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
+      !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega; or g - 1, omega^2 s, s (ndof, nleg)
    contains
       procedure :: move
       procedure :: prepare
@@ -86,7 +95,15 @@ contains
       end if
       if (.not. present(omega)) return
       self%rotates = .true.
+      self%decays = .false.  ! a rotation decays by itself
       self%omega = omega
+      if (allocated(self%duration)) deallocate (self%duration, self%reach, self%loss)
+      if (allocated(self%friction)) then
+         deallocate (self%friction)
+         allocate (self%coupled)
+         call new_coupled_rotation(self%coupled, omega, damping%friction, nleg)
+         return
+      end if
       allocate (self%duration(nleg), source=0.0_wp)
       allocate (self%cosine_less_one(size(omega), nleg), self%sine(size(omega), nleg), source=0.0_wp)
       allocate (self%sine_over(size(omega), nleg), source=0.0_wp)
@@ -102,11 +119,21 @@ contains
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
       integer :: i
 
+      if (allocated(self%coupled)) then
+         call self%coupled%move(leg, tau, nlane, ndof, q, p, dq, dp)
+         return
+      end if
       ! Steps of one size compute their coefficients in the first of them.
       if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
       do i = 1, ndof
-         call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
-                     q(:, i), p(:, i), dq(:, i), dp(:, i))
+         if (allocated(self%rate)) then
+            call rotate_and_decay(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
+                                  self%cosine_less_one(i, leg) - self%rate(i)*self%sine_over(i, leg), &
+                                  q(:, i), p(:, i), dq(:, i), dp(:, i))
+         else
+            call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
+                        q(:, i), p(:, i), dq(:, i), dp(:, i))
+         end if
       end do
    end subroutine move
 
@@ -150,9 +177,15 @@ contains
       real(wp), intent(in) :: h                                     !! with its sign [time]
       real(wp), intent(in) :: p(nlane, ndof)
       real(wp), intent(inout) :: dp(nlane, ndof)
+      real(wp) :: y(nlane, ndof)
       integer :: j
 
       if (.not. self%part(i) > 0) return
+      if (allocated(self%friction)) then
+         y = p + dp
+         call self%friction%decay(i, self%part(i)*h, nlane, ndof, y, dp)
+         return
+      end if
       if (abs(h - self%duration(i)) > 0) then
          self%duration(i) = h
          self%loss(:, i) = decay_less_one(self%part(i)*self%rate*h)
@@ -184,8 +217,16 @@ contains
       type(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg
       real(wp), intent(in) :: tau
+      integer :: i
 
       self%duration(leg) = tau
+      if (allocated(self%rate)) then
+         do i = 1, size(self%omega)
+            call respond(self%omega(i), 0.5_wp*self%rate(i), tau, self%cosine_less_one(i, leg), self%sine_over(i, leg))
+            self%sine(i, leg) = self%omega(i)**2*self%sine_over(i, leg)
+         end do
+         return
+      end if
       self%cosine_less_one(:, leg) = -2*sine_of(0.5_wp*tau*self%omega)**2
       self%sine(:, leg) = self%omega*sine_of(tau*self%omega)
       ! sin(omega tau)/omega becomes tau as omega -> 0, a free drift.
@@ -195,6 +236,37 @@ contains
          self%sine_over(:, leg) = tau
       end where
    end subroutine rotate_over
+
+   !> g - 1 and s of a rotation that decays, by the formulas at the head.
+   pure subroutine respond(omega, mu, tau, g_less_one, s)
+      real(wp), intent(in) :: omega, mu   !! frequency, and half of the rate
+      real(wp), intent(in) :: tau
+      real(wp), intent(out) :: g_less_one, s
+      real(wp), parameter :: strong = 1   ! tau sqrt(-kappa^2) from which two rates are used
+      real(wp) :: kappa, square, far, near, decay
+
+      square = (omega - mu)*(omega + mu)
+      kappa = sqrt(abs(square))
+      if (square < 0 .and. kappa*abs(tau) > strong) then
+         far = mu + sign(kappa, mu)
+         near = omega**2/far
+         s = exp(-near*tau)*tau*decay_integral(1.0_wp, (far - near)*tau)
+         g_less_one = omega**2*tau*(decay_integral(1.0_wp, far*tau) - decay_integral(1.0_wp, near*tau))/(far - near)
+         return
+      end if
+      decay = exp(-mu*tau)
+      s = tau
+      g_less_one = 0
+      if (square < 0) then
+         s = sinh(kappa*tau)/kappa
+         g_less_one = 2*sinh(0.5_wp*kappa*tau)**2
+      else if (kappa > 0) then
+         s = sine_of(kappa*tau)/kappa
+         g_less_one = -2*sine_of(0.5_wp*kappa*tau)**2
+      end if
+      g_less_one = decay_less_one(mu*tau) + decay*(g_less_one + mu*s)
+      s = decay*s
+   end subroutine respond
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
@@ -226,5 +298,21 @@ contains
          dp(lane) = dp(lane) + (cosine_less_one*y - (sine*x))
       end do
    end subroutine rotate
+
+   !> VEC The same with decay, where p keeps less of itself than q.
+   pure subroutine rotate_and_decay(nlane, g_less_one, sine, sine_over, loss, q, p, dq, dp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: g_less_one, sine, sine_over, loss, q(nlane), p(nlane)
+      real(wp), intent(inout) :: dq(nlane), dp(nlane)
+      real(wp) :: x, y
+      integer :: lane
+
+      do lane = 1, nlane
+         x = q(lane) + dq(lane)
+         y = p(lane) + dp(lane)
+         dq(lane) = dq(lane) + (g_less_one*x + (sine_over*y))
+         dp(lane) = dp(lane) + (loss*y - (sine*x))
+      end do
+   end subroutine rotate_and_decay
 
 end module symsde_step_splitting_drift

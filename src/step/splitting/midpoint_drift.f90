@@ -4,12 +4,16 @@
 !>
 !>    X = x + tau H_p(X_m, Y_m),   Y = y - tau H_q(X_m, Y_m),   (X_m, Y_m) = ((x + X)/2, (y + Y)/2)   at t + tau/2
 !>
+!> In a damped model y decays before this step and after it, each time over tau/2. The step is then one of the closed
+!> system, and the flow approximates that of H with damping to the second order, as kicks need it.
+!>
 !> This is a midpoint step of the model, with h = tau and all dW_k = 0, by one of the steppers for such steps; lanes
 !> that it cannot solve are rescued like those of any other step. The kicks then contain the noises only.
 !>
 !> Private to its family.
 module symsde_step_splitting_midpoint_drift
    use symsde_base_counters, only: counters_type
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_status, only: error_type
@@ -23,6 +27,7 @@ module symsde_step_splitting_midpoint_drift
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
    use symsde_step_midpoint_one_dof_single_path, only: midpoint_one_dof_single_path => midpoint_one_dof_stepper
    use symsde_step_implicit_rescue, only: rescue_type, new_rescue
+   use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -34,6 +39,7 @@ module symsde_step_splitting_midpoint_drift
       class(stepper_type), allocatable, public :: stepper  !! stepper of the midpoint steps
       type(scheme_type), allocatable :: midpoint
       type(rescue_type) :: rescue                          !! rescue of lanes in which the stepper fails
+      type(drift_flow) :: around                           !! decays before and after the step of each leg
       real(wp), allocatable :: w(:, :)                     !! weights: tau for H, zero for noises (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! state of the path, its increments (nlane, ndof)
       integer(i8), allocatable :: failed(:)                !! 1 if a lane had failed before, else -1 (nlane)
@@ -45,16 +51,22 @@ module symsde_step_splitting_midpoint_drift
 contains
 
    !> Make midpoint steps for the model and the lanes of a task with a scheme of kicks: the same task with the scheme
-   !> midpoint. The first stepper that fits is chosen: with momenta eliminated, of one degree of freedom, of all unknown
-   !> q and p, else the general one; each of the first three has an instance with one lane.
+   !> midpoint and without damping. The first stepper that fits is chosen: with momenta eliminated, of one degree of
+   !> freedom, of all unknown q and p, else the general one; each of the first three has an instance with one lane.
    subroutine new_midpoint_flow(self, whole)
       type(midpoint_flow), intent(out), target :: self
       type(stepper_task), intent(in) :: whole  !! the task with the scheme of kicks
       type(stepper_task) :: task
       type(error_type), allocatable :: error
+      real(wp), allocatable :: half(:)   ! of the parts of a step between kicks
 
       ! Everything but the scheme is as in the task of the kicks: model, lanes, and options of Newton's iteration.
       task = whole
+      task%damping = damping_type()
+      if (whole%damping%acts()) then
+         half = 0.5_wp*([whole%scheme%kicks%c, 1.0_wp] - [0.0_wp, whole%scheme%kicks%c])
+         call new_drift_flow(self%around, size(half), damping=whole%damping, part=half)
+      end if
       allocate (self%midpoint)
       call get_scheme(self%midpoint, 'midpoint', error)
       task%scheme => self%midpoint
@@ -83,14 +95,18 @@ contains
 
    !> Move (q + dq, p + dp) over the time tau from the time t on. Lanes that had a status before are not rescued;
    !> `failed` marks them.
-   subroutine move(self, t, tau, q, p, dq, dp, status)
+   subroutine move(self, leg, t, h, tau, q, p, dq, dp, status)
       class(midpoint_flow), intent(inout), target :: self
-      real(wp), intent(in) :: t, tau
+      integer, intent(in) :: leg               !! of the step of length h
+      real(wp), intent(in) :: t, h, tau
       real(wp), intent(in), dimension(self%stepper%ham%nlane, self%stepper%ham%ndof) :: q, p
       real(wp), intent(inout), dimension(self%stepper%ham%nlane, self%stepper%ham%ndof) :: dq, dp
       integer(i8), intent(inout) :: status(self%stepper%ham%nlane)
       type(step_record) :: step
 
+      if (allocated(self%around%friction)) call self%around%friction%look(self%stepper%ham, t, q)
+      if (self%around%decays_at_kicks) &
+         call self%around%decay_at(leg, h, size(q, 1), size(q, 2), p, dp)
       ! The weights of the noises keep their initial value zero, since noises act in the kicks.
       self%w(:, 0) = tau
       self%x = q + dq
@@ -108,6 +124,8 @@ contains
       ! Add the increments of this flow to those of the step so far.
       dq = dq + self%dx
       dp = dp + self%dy
+      if (self%around%decays_at_kicks) &
+         call self%around%decay_at(leg, h, size(q, 1), size(q, 2), p, dp)
    end subroutine move
 
    !> Add the counts of the midpoint steps and their rescue.
