@@ -3,7 +3,7 @@
 
 damping_table.py [--paths N ..] [--schemes NAME ..] [--scenes NAME ..] [--kinds KIND ..] [--repeats N] [--seconds S]:
 processor time of a path-step on one thread, damped and closed runs of about S seconds in turn, the least of N of each.
-The last column names how the damped step is made, the last line has the median over all, and the largest.
+The last column names how the damped step is made, the last line has the median and the largest of all ratios.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from timing import ns_of_steps
 
 SCHEMES = ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2", "gauss_dkdkd", "verlet_kdk", "chin4a")
 KINDS = {"built-in": lambda scene: scene.model(), "formula": lambda scene: scene.formula()}
-RATE = 1e-3  #: so small that states do not decay to numbers without full precision, which processors are slow at
+RATE = 1e-3  #: so small that states do not decay to denormal numbers, with which processors are slow
 
 
 def parse() -> argparse.Namespace:
@@ -48,7 +48,7 @@ def main():
                     try:
                         told = [run(2).report.stepper for run in pair]
                     except ss.errors.SymsdeError:
-                        continue  # the scheme is not for this scene
+                        continue  # the scheme does not suit this scene
                     times = ns_of_steps(pair, paths, asked.repeats, asked.seconds)
                     found.append(min(times[0]) / min(times[1]))
                     cells = (name, kind, scheme, paths, f"{min(times[1]):.3g}", f"{found[-1]:.2f}", told[0])

@@ -59,7 +59,7 @@ def page(described: dict, sections: list[str]) -> str:
 
 
 def replaced(tables: str, section: str) -> str:
-    """The tables with a new section in the place of that with the same heading, or at the end."""
+    """The tables with a new section in place of the section with the same heading, or at the end."""
     heading = section.partition("\n")[0]
     old = re.search(rf"^{re.escape(heading)}\n.*?(?=^## |\Z)", tables, re.MULTILINE | re.DOTALL)
     if old is None:

@@ -85,7 +85,7 @@ typedef struct symsde_traits {
    const double *rotation; /* [ndof] frequencies of the stiff linear part; NULL = none */
    const int32_t *silent;  /* [nnoise] not 0: H_k is zero, and nothing is drawn for it; NULL = none */
    int32_t constant_mass;  /* H = p.M^-1 p/2 + U(q) with a constant matrix M */
-   int32_t diagonal_mass;  /* .. a diagonal one: to be declared beside constant_mass */
+   int32_t diagonal_mass;  /* M is diagonal; to be declared beside constant_mass */
    /* degrees of freedom, from 1, that noises touch: H_k depends on q_i or p_i. Those of noise k = 1 .. nnoise are
     * touches[touches_from[k-1]] .. touches[touches_from[k] - 1], and touches_from[0] = 0; NULL = not declared */
    const int32_t *touches_from; /* [nnoise + 1] */

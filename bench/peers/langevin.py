@@ -79,7 +79,7 @@ def flight(t: float) -> tuple[float, float, float, float, float]:
 
 
 def constants(name: str, step: float) -> np.ndarray:
-    """Numbers of a step; noise is that of sigma = sqrt(2 gamma)."""
+    """Constants of a step, with noise of strength sigma = sqrt(2 gamma)."""
     z, sigma = GAMMA * step, math.sqrt(2 * GAMMA)
     if name == "BAOAB":
         return np.array([math.exp(-z), math.sqrt(-math.expm1(-2 * z))])
@@ -90,7 +90,7 @@ def constants(name: str, step: float) -> np.ndarray:
 
 
 def loop(name: str, scene: Scene):
-    """Runs that draw their noise and give the sum of final positions."""
+    """A function whose runs draw their own noise and give the sum of final positions."""
     run, of = _number(name, scene.force) if scene.dof == 1 else _array(name, scene.force), constants
 
     def run_of(generator, q0, p0, step, steps, paths):

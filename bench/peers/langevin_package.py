@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Langevin's equation by diffrax and OpenMM, in an interpreter that has them: langevin_package.py diffrax|openmm FILE.
 
-The answer is written to FILE. diffrax 0.7 has ALIGN, ShOULD and QUICSORT for it. Their errors are those on paths of its
-own (VirtualBrownianTree) against its own finest run, their times those with its faster UnsafeBrownianPath, all paths at
-once by vmap.
-OpenMM draws its own noise, and stands in rows of bias alone; its positions are those of BAOAB. Walkers are the
-coordinates of particles in an external potential; times are those of its platforms in double precision (Reference) and
-on one thread (CPU).
+The answer is written to FILE. diffrax 0.7 has ALIGN, ShOULD and QUICSORT for it. Errors are measured on diffrax's own
+paths (VirtualBrownianTree) against its own finest run, times with its faster UnsafeBrownianPath, all paths at once by
+vmap. OpenMM draws its own noise, and stands in rows of bias alone; its positions are those of BAOAB. Walkers are the
+coordinates of particles in an external potential; times are those of OpenMM's platforms in double precision (Reference)
+and on one thread (CPU).
 """
 
 import json
@@ -22,7 +21,7 @@ if __name__ == "__main__":
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # all threads share one processor
 
 HORIZON, MASSES = 4.0, 64
-#: scene -> numbers of steps, those of the reference, paths of errors and of times
+#: scene -> numbers of steps, number of steps of the reference, numbers of paths for errors and for times
 STEPS = {"double well": ((16, 32, 64, 128), 512, 256, 1024), "fpu64": ((32, 64, 128), 256, 16, 64)}
 
 

@@ -26,25 +26,26 @@ from .tools import ABSENT, Setting, at_most, table
 
 PEERS = Path(__file__).resolve().parents[1] / "peers" / "langevin_package.py"
 WELL = "p**2/2 + q**4/4 - q**2/2"
-STRONG, BIAS = 1e-4, 1e-3  #: errors to come to
-SHARE = 1 / 8  #: of a peer's time for a strong error that the library may take
-BIASED = {"numba BAOAB": 0.5, "OpenMM": 0.2}  #: the same for the bias
-DAMPED = 1.1  #: of an undamped path-step
+STRONG, BIAS = 1e-4, 1e-3  #: errors to reach
+SHARE = 1 / 8  #: share of a peer's time that the library may take for a strong error
+BIASED = {"numba BAOAB": 0.5, "OpenMM": 0.2}  #: share of a peer's time that the library may take for the bias
+DAMPED = 1.1  #: bound of the time of a damped path-step over that of an undamped one
 Q2 = 1.0417972  #: <q^2> at temperature one
 OURS = ("chin4a", "gauss_dkdkd")
 NAMES = {"double well": "double well", "fpu64": "FPU chain of 64"}
-#: scene -> paths of errors, steps of the reference and of ours, of splittings; paths of times of ours and of loops
+#: scene -> paths for errors; steps of the reference, of our schemes and of splittings; paths for times of ours and of
+#: loops
 SIZES = {
     "double well": (512, 4096, (32, 64, 128, 256, 512), (256, 1024, 4096), 16384, 256),
     "fpu64": (64, 2048, (64, 128, 256, 512), (256, 1024, 2048), 512, 16),
 }
-#: scheme -> steps at which its bias is measured; BAOAB by the library's own, which has the loop's bits to rounding
+#: scheme -> steps h at which the bias is measured; BAOAB is the library's own, which agrees with the loop to rounding
 BIAS_STEPS = {"word:BAOAB": (0.4, 0.2), "gauss_dkdkd": (0.3, 0.15), "chin4a": (0.5, 0.4)}
 
 
 @functools.cache
 def damped(scene: str) -> ss.Model:
-    """gamma = beta = 1."""
+    """The model of a scene with gamma = beta = 1."""
     return (
         ss.thermostat(ss.model_from_sympy(WELL), beta=1.0, gamma=1.0) if scene == "double well" else chain().damped(1.0)
     )
@@ -73,7 +74,7 @@ def measure(setting: Setting) -> dict:
 
 
 def numba_version() -> list[str]:
-    """Its version, if it is there."""
+    """The version of numba, if it is installed."""
     if importlib.util.find_spec("numba") is None:
         return []
     import numba  # noqa: PLC0415
@@ -82,7 +83,7 @@ def numba_version() -> list[str]:
 
 
 def asked(setting: Setting, package: str) -> dict | None:
-    """What a package found in a process of its own; None if it is not there."""
+    """Results of a package from a process of its own; None if the package is not installed."""
     with tempfile.TemporaryDirectory() as folder:
         answer = Path(folder) / "answer.json"
         command = [*shlex.split(setting.python), str(PEERS), package, str(answer)]
@@ -151,7 +152,9 @@ def our_errors(scene: str) -> dict[str, dict[int, float]]:
 
 
 def their_errors(scene: str) -> dict[str, dict[int, float]]:
-    """Errors of the splittings: on the same increments, against chin4a; of UBU against its own run at many steps."""
+    """Errors of the splittings, on the same increments against chin4a; errors of UBU against its own run at many
+    steps.
+    """
     from peers import langevin  # noqa: PLC0415
 
     paths, finest, _, counts = SIZES[scene][:4]
@@ -175,7 +178,9 @@ def their_errors(scene: str) -> dict[str, dict[int, float]]:
 
 
 def steps_to(errors: dict[int, float], error: float) -> tuple[float, bool]:
-    """The number of steps for an error, by a power law between two measured ones or beyond them, and whether beyond."""
+    """The number of steps for an error, by a power law through two measured errors, and whether it is beyond all of
+    them.
+    """
     points = sorted(errors.items())
     pairs = list(itertools.pairwise(points))
     within = [pair for pair in pairs if pair[0][1] > error >= pair[1][1]]
@@ -248,7 +253,7 @@ def beside_closed(setting: Setting) -> list[dict]:
 
 
 def growth(is_damped: bool) -> float:
-    """MB by which the peak memory grows in moments of 1,000,000 paths, after a run of few."""
+    """MB by which the peak memory grows in moments of 1,000,000 paths, after a run of few paths."""
     model = ss.models.pendulum().damped(1.0) if is_damped else ss.models.pendulum()
     how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "scheme": "midpoint", "threads": 1, "steps": 20, "save_every": 10}
     ss.moments(model, paths=512, **how)
@@ -292,7 +297,7 @@ def section(found: dict) -> str:
 
 
 def strong_table(rows: list[dict]) -> str:
-    """Times to the strong error; the target is for peers."""
+    """The table of times to the strong error; rows of peers have a target."""
     cells = []
     for scene, title in NAMES.items():
         here = [row for row in rows if row["scene"] == scene]
@@ -307,7 +312,7 @@ def strong_table(rows: list[dict]) -> str:
 
 
 def bias_table(rows: list[dict]) -> str:
-    """Times to the bias."""
+    """The table of times to the bias."""
     ours = min(row["cost"] for row in rows if row["package"] == "symsde")
     cells = []
     for row in sorted(rows, key=lambda row: row["cost"]):
@@ -324,7 +329,7 @@ def bias_table(rows: list[dict]) -> str:
 
 
 def closed_table(rows: list[dict]) -> str:
-    """Damped and closed steps."""
+    """The table of damped and closed steps."""
     cells = []
     for row in rows:
         ratio, target = row["damped"] / row["closed"], DAMPED if row["scheme"] == "chin4a" else None

@@ -31,7 +31,7 @@ module symsde_capi_gradient
       private
       procedure(path_callback), pointer, nopass :: on_path => null()
       type(c_ptr) :: user
-      integer(i4), pointer :: failure => null()   !! first nonzero return
+      integer(i4), pointer :: failure => null()   !! first nonzero return value
    contains
       procedure :: find
       procedure :: failure_code

@@ -36,7 +36,7 @@ module symsde_ensemble_options
       integer :: areas = areas_by_path      !! how areas are drawn: a parameter of base/area_rule
       real(wp) :: area_time = 0             !! time scale of areas, 0 = derived from the model [time]
       integer, allocatable :: common_noise(:) !! noises k that all paths share: W_k of path 0 (not allocated = none)
-      integer :: damping_noise = stepper%damping_noise  !! of kicks, by base/damping: noise_of_scheme, noise_path, ..
+      integer :: damping_noise = stepper%damping_noise  !! noise of damped kicks, see base/damping: noise_path, ..
       logical :: compensated = .false.      !! compensated summation of the state
       logical :: general = stepper%general  !! use the oracle of the scheme
       integer :: max_iter = stepper%newton%max_iter        !! most Newton iterations a step

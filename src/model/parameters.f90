@@ -34,7 +34,7 @@ contains
    end function is_zero
 
    !> Refuse traits that no model can have: sizes (invalid_argument, too_large), a list of silent noises, of what
-   !> noises touch or of frequencies of the wrong length (wrong_shape), degrees of freedom that there are not, bounds
+   !> noises touch or of frequencies of the wrong length (wrong_shape), degrees of freedom that do not exist, bounds
    !> and frequencies below zero or not finite (invalid_argument).
    subroutine check_traits(place, name, traits, error)
       character(*), intent(in) :: place            !! name of the calling procedure

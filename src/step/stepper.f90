@@ -49,7 +49,7 @@ module symsde_step_stepper
       type(scheme_type), allocatable :: tableau
       logical :: follows = .false.             !! whether a stage needs only earlier stages for this model
       type(damping_type) :: damping            !! damping of momenta: none inside of a damped stepper
-      integer :: damping_noise = noise_of_scheme  !! of kicks between drifts that decay, by base/damping
+      integer :: damping_noise = noise_of_scheme  !! noise of kicks between drifts that decay, see base/damping
       integer :: correction = correction_none  !! resolved: never correction_auto
       type(step_map), allocatable :: flow      !! whole steps of the model; not allocated if there are none
       integer :: nlane = 0                     !! number of lanes of a block

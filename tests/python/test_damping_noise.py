@@ -154,7 +154,7 @@ def test_columns_are_those_of_the_path(model):
 
 @pytest.mark.parametrize("rate", [1e-9, 1e-6])
 def test_columns_at_weak_damping(rate):
-    """E and dW agree in nearly all digits there; D is taken from dW, dZ and K, which loses none."""
+    """At weak damping E and dW agree in nearly all digits; D is taken from dW, dZ and K, which loses no digits."""
     fine = np.random.default_rng(4).normal(0, 0.1, (64, 1, 5))
     coarse = columns(fine[:, 0], 0.5, rate)[np.newaxis]
     given = {

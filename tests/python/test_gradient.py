@@ -137,7 +137,7 @@ def squares(t, q, p):
 
 
 def slopes(t, q, p):
-    """Its derivatives."""
+    """The derivatives of the running cost."""
     fp = np.zeros_like(p)
     fp[-1, 0] = t[-1]
     return 2 * q, fp

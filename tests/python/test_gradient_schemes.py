@@ -36,7 +36,9 @@ def difference(noise, name, run):
 
 @pytest.mark.parametrize("scheme", ss.schemes.names())
 def test_exact_or_refused(scheme):
-    """All kinds of noise; tangent maps are those of the gradients."""
+    """For all kinds of noise gradients equal differences of runs, and tangent maps have the derivatives of the
+    gradients.
+    """
     for noise in table.CLASSES:
         said = table.cell(scheme, noise)
         if said != table.EXACT:
@@ -56,6 +58,6 @@ def test_exact_or_refused(scheme):
 
 
 def test_some_are_exact():
-    """The table says more than refusals."""
+    """The table has schemes with exact derivatives, not refusals alone."""
     cells = {scheme: table.cell(scheme, "position") for scheme in ("stormer_verlet", "midpoint", "gauss2", "lobatto4")}
     assert set(cells.values()) == {table.EXACT}

@@ -93,7 +93,7 @@ def test_noisy_frequency():
 
 
 def test_sums_of_exponents():
-    """With one rate of damping the exponents sum to -gamma for each degree of freedom; in pairs."""
+    """With one rate of damping the exponents sum to -gamma ndof; the largest is the same if only one is asked for."""
     run = RUN | {"steps": 800, "scheme": "midpoint"}
     found = ss.lyapunov(two().damped(0.25), **run)
     np.testing.assert_allclose(found.by_path.sum(axis=0), -0.5, rtol=1e-11)

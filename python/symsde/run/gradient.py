@@ -287,7 +287,7 @@ def _function_of(f: Any, model: Model, positions: list[str], count: int) -> Call
 
 
 def _callback(function: Callable, failures: callbacks.Failures, nparameter: int) -> ctypes._CFuncPtr:
-    """A callback of the library."""
+    """The function as a callback of the library."""
 
     def called(_first, nlane, ndof, ntime, _nparameter, t, *addresses):
         q, p, *targets, _user = addresses

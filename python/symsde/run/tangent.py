@@ -46,7 +46,7 @@ class Tangent:
         return off / (1 + (m**2).sum(axis=(1, 2)))
 
     def __repr__(self) -> str:
-        """Sizes and names."""
+        """Numbers of degrees of freedom and of paths, and names of parameters."""
         n, paths = self.q.shape
         names = "".join(f", by {name}" for name in self.by)
         return f"<tangent maps of {checks.counted(n, 'degree of freedom')}, {checks.counted(paths, 'path')}{names}>"
@@ -184,7 +184,7 @@ def _setup(model: Model, options: Any, **given: Any) -> Setup:
 
 @dataclasses.dataclass
 class _Found:
-    """Arrays of the library."""
+    """Arrays that the library fills."""
 
     v: np.ndarray  #: (vector, 2 dof, path)
     logs: np.ndarray  #: (vector, path)

@@ -1,12 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Gradients of E f(path) by the exact discrete adjoint of every step.
 !>
-!>    u = df/dq, c = df/dp at the saved times, carried back by the transposed maps of the steps (step/linear): at the
-!>    beginning they are the derivatives of f by q0 and p0 for this path, and beside them the derivatives by parameters.
+!> The covectors u = df/dq, c = df/dp at the saved times are carried back by the transposed maps of the steps
+!> (step/linear): at the beginning of a path they are the derivatives of f by q0 and p0, beside the derivatives by
+!> parameters.
 !>
 !> A run whose steps fit into `room` for each thread is taken forward once, and back. A longer one is cut into pieces:
-!> it is taken forward once with the states between pieces kept; then, from the last piece to the first, each is taken
-!> forward again, with the same bits, and back.
+!> it is taken forward once with the states between pieces kept; then, from the last piece to the first, each piece is
+!> taken forward again, with the same bits, and back.
 module symsde_diagnose_sweep_gradient
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i4, i8
@@ -44,7 +45,7 @@ module symsde_diagnose_sweep_gradient
       class(monitor_type), pointer :: monitor => null()
       type(sweep_plan), pointer :: plan => null()
       real(wp), pointer, contiguous :: dw(:, :, :) => null()  !! prescribed increments, or null
-      integer(i8), allocatable :: ends(:)                     !! steps of the run before each piece, and all steps
+      integer(i8), allocatable :: ends(:)                     !! number of steps before each piece, and of all pieces
       type(ensemble_type) :: ensemble                         !! makes the steps of every piece
    contains
       procedure :: forward
@@ -119,7 +120,7 @@ contains
       call in_pieces(run, from, observer, report, error)
    end subroutine path_gradient
 
-   !> Steps that a thread keeps of its block.
+   !> Number of steps of its block that a thread keeps.
    pure integer function steps_at_once(options, model, asked)
       type(run_options), intent(in) :: options
       class(model_type), intent(in) :: model

@@ -34,7 +34,7 @@ module symsde_diagnose_sweep_sweeper
    type :: sweep_plan
       type(stepper_task), pointer :: task => null()
       class(model_type), pointer :: model => null(), wide => null()
-      class(path_function), pointer :: f => null()    !! called here if the piece is the whole run
+      class(path_function), pointer :: f => null()    !! function f, called here if the piece is the whole run
       type(functional_set) :: asked
       real(wp) :: t0 = 0, h = 0                       !! time of step 0 of the run, and the step [time]
       integer(i8) :: first_path = 0
@@ -50,7 +50,7 @@ module symsde_diagnose_sweep_sweeper
       real(wp), pointer :: value(:) => null()                         !! f (npath)
       integer(i4), pointer :: status(:) => null()                     !! (npath)
       integer(i8), pointer :: failed_step(:) => null()                !! (npath)
-      ! of tangent vectors, which are taken forward where they are given
+      ! members for tangent vectors, which are taken forward if v is given
       real(wp), pointer :: v(:, :, :) => null()       !! dq, then dp; the last columns belong to parameters
                                                       !! (npath, 2 ndof, nvector)
       integer(i8) :: turn = 0                         !! steps between two decompositions v = Q R; 0 = none
@@ -183,7 +183,7 @@ contains
       if (isave + nsave - 1 == self%plan%nstep) call go_through(self, state)
    end subroutine observe_several
 
-   !> All steps are taken: let the step have the parameters of the lanes, and go through the steps.
+   !> After all steps of a block: give the linearised step the parameters of the lanes, and go through the steps.
    subroutine go_through(self, state)
       type(sweep_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -227,7 +227,7 @@ contains
          allocate (vq(self%nlane, nwide, m), vp(self%nlane, ndof, m), logs(self%nlane, m), source=0.0_wp)
          vq(:self%nreal, :ndof, :) = plan%v(a:b, :ndof, :)
          vp(:self%nreal, :, :) = plan%v(a:b, ndof + 1:, :)
-         logs(:self%nreal, :) = plan%logs(a:b, :)   ! one sum from the beginning, whatever the pieces
+         logs(:self%nreal, :) = plan%logs(a:b, :)   ! goes on with the sum from the beginning of the run
          do j = 1, nwide - ndof
             vq(:, ndof + j, m - (nwide - ndof) + j) = 1
          end do
@@ -250,7 +250,7 @@ contains
    end subroutine go_forth
 
    !> v = Q R by Gram and Schmidt, twice for each vector: v becomes Q, and log R_ii is added to logs. A vector that
-   !> vanishes has the logarithm -infinity, and its lane NaN from there on.
+   !> vanishes has the logarithm -infinity, and its lane is NaN from there on.
    pure subroutine decompose(nlane, ndof, nwide, m, vq, vp, logs)
       integer, intent(in) :: nlane, ndof, nwide, m
       real(wp), intent(inout) :: vq(nlane, nwide, m), vp(nlane, ndof, m), logs(nlane, m)

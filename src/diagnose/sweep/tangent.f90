@@ -36,7 +36,7 @@ contains
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: from
       real(wp), intent(in), target :: theta(:, :)               !! parameters (npath or 1, nparameter)
-      integer(i8), intent(in) :: turn                           !! 0 for tangent maps
+      integer(i8), intent(in) :: turn                           !! steps between orthonormalisations; 0 for tangent maps
       real(wp), intent(inout), target :: v(:, :, :)             !! dq, then dp (npath, 2 ndof, nvector)
       real(wp), intent(out), target :: logs(:, :)               !! (npath, nvector)
       real(wp), intent(out), target :: last_q(:, :), last_p(:, :)  !! last state (npath, ndof)
@@ -74,7 +74,7 @@ contains
                         total=options%nstep, theta=theta, v=v, turn=turn, logs=logs, last_q=last_q, last_p=last_p, &
                         status=status, failed_step=failed_step)
       observer%plan => plan
-      most = steps_at_once(options, model, plan%asked)/rest*rest   ! an even number
+      most = steps_at_once(options, model, plan%asked)/rest*rest   ! a multiple of `rest`
       many = 2_i8**max(0, options%refine)   ! rows of increments of a step
       each = options
       each%save_every = 1

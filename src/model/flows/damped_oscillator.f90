@@ -18,12 +18,12 @@
 !> the next only two products depend on each other, and no division.
 !>
 !> Two stages of Gauss have slopes G = -(1 + x B)^{-1} ((a q + b) 1 + x p d + a e c), x = a c, where B is the product of
-!> both coefficients of the stages and d of them with the decays of p, and
+!> the coefficients of positions and of momenta, d has the decays of p_n at the stages, and
 !>
 !>    q' = q + c ((1 + mean) p + v.G) + e,   p' = exp(-z) p + w.G
 !>
-!> What multiplies c p in q' multiplies -a q in p', since the scheme is symmetric. A row times (1 + x B)^{-1} times a
-!> column is a polynomial of degree one in x over det (1 + x B).
+!> The factor of c p in q' is also the factor of -a q in p', since the scheme is symmetric. A row times (1 + x B)^{-1}
+!> times a column is a polynomial of degree one in x over det (1 + x B).
 !>
 !> Each scheme brings one step of one lane, `take`, to the loops of oscillator_steps.inc. No sum has two products of
 !> which the compiler might contract either: one of the two is added to zero first.
@@ -186,7 +186,7 @@ contains
 
    contains
 
-      !> Coefficients of row.(1 + x B)^{-1} column det (1 + x B).
+      !> The coefficients of row.(1 + x B)^{-1} column det (1 + x B), a polynomial in x.
       pure function quotient(row, column) result(terms)
          real(wp), intent(in) :: row(2), column(2)
          real(wp) :: terms(2)

@@ -59,7 +59,7 @@ contains
    end subroutine compare_mass
 
    !> Compare velocities with those of the first point, component by component: v_i(p_a) p_1,i - v_i(p_1) p_a,i. The
-   !> scale is that of the largest product.
+   !> scale is the sum of both products, each with the largest components.
    subroutine compare_ratios(points, v, difference, scale)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: v(nlane, points%ndof)

@@ -38,14 +38,15 @@ contains
       do half = 1, 2*nhalf
          points%w = 0
          do k = 1, points%nnoise
-            ! The sign of an irregular number decides; an odd half and the next one share all noises.
+            ! The sign of an irregular number decides which half has noise k; an odd half and the next one together have
+            ! all noises.
             if ((generic(k, 11 + (half + 1)/2) > 0) .eqv. mod(half, 2) == 0) points%w(:, k) = generic(k + 1, 1)
          end do
          call probe_sum(points, 'a sum of noises', tolerance, error)
       end do
    end subroutine probe_supports
 
-   !> Test that the gradient of the sum vanishes where none of its noises touches.
+   !> Test that the gradient of the sum vanishes in all degrees of freedom that none of its noises touches.
    subroutine probe_sum(points, name, tolerance, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: name

@@ -12,7 +12,7 @@
 !>
 !> Tangent vectors go the same way forward: dp <- dp - b_1 U_qq dq, dq <- dq + T_pp dp, dp <- dp - b_2 U_qq dq.
 !>
-!> Rows of the parameters: u_theta <- u_theta - b U_{theta q} c and + T_{theta p} u, by the same products.
+!> Rows of the parameters change by the same products: a kick adds -b U_{theta q} c to u_theta, the drift T_{theta p} u.
 !>
 !> Private to its family.
 module symsde_step_linear_kick_drift
@@ -43,7 +43,7 @@ module symsde_step_linear_kick_drift
 
 contains
 
-   !> Whether the step is kicks around a drift: by the coefficients, for separable models without damping or forces.
+   !> Whether the coefficients are those of kicks around a drift, for separable models without damping or forces.
    logical function kick_drift_fits(task)
       type(stepper_task), intent(in) :: task
       real(wp) :: part(2)

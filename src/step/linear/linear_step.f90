@@ -35,7 +35,7 @@ module symsde_step_linear_linear_step
 
    abstract interface
       !> Take covectors from behind the step, from (q0, p0) to (q1, p1), to before it. A part of the step may be left
-      !> for the step before, whose end is at the same point: `settle` does what is left. Lanes whose status is not 0,
+      !> for the step before, whose end is at the same point: `settle` does this part. Lanes whose status is not 0,
       !> or becomes so here, have no covectors.
       subroutine back_interface(self, step, q0, p0, q1, p1, u, c, status)
          import :: linear_step, step_record, wp, i8

@@ -188,7 +188,7 @@ contains
             do j = 1, n
                vp(:, j, column) = (1 + decays%loss(j))*vp(:, j, column)
             end do
-            ! slopes of all stages, with dq from before the step in the sums of stages alone
+            ! Slopes of all stages; the sums of stages contain dq from before the step.
             do part = 1, self%npart
                do j = 1, self%nstage
                   call slope_tangents(self, j, part, vq(:, :, column))

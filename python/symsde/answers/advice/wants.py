@@ -116,7 +116,9 @@ class Invariants:
         self.words = f"largest change of {where}, over its size"
 
     def claimed(self, scheme: Scheme) -> float:
-        """The order without noise, for paths without noise; no order is claimed for the change along others."""
+        """The claimed order without noise, if paths have no noise. Where noises keep H no order of its change is
+        claimed.
+        """
         return math.inf if self.kept else float(scheme.info.order_noise_free or math.inf)
 
     def see(self, scheme, steps: int) -> Seen:

@@ -26,7 +26,7 @@ from .problem import Problem
 SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes are unstable from 2 on
 #: number of points of a path at which frequencies are computed: eight equal parts follow all but very rapid changes
 _POINTS = 9
-#: of probing runs by midpoint, which uses none of these options
+#: options of probing runs by midpoint, on which these have no effect
 _PLAIN = {"areas": "path", "area_time": None, "damping_noise": "law"}
 
 

@@ -29,7 +29,9 @@ class PathFormula:
         self._nparameter = len(positions)
 
     def __call__(self, t: np.ndarray, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Value and derivatives of these paths: (path,), (time, dof, path) twice, (parameter, path)."""
+        """Value (path,), derivatives by q and by p (time, dof, path), and derivatives by parameters (parameter,
+        path).
+        """
         found = self._observables(float(t[-1]), q[-1], p[-1])
         fq, fp = np.zeros_like(q), np.zeros_like(p)
         ftheta = np.zeros((self._nparameter, q.shape[-1]))
@@ -45,7 +47,9 @@ class PathFormula:
 def _derived(
     formula: Any, letters: tuple, numbers: tuple[str, ...], time: Any, positions: tuple[str, ...]
 ) -> tuple[dict[str, Any], list[tuple[str, int]]]:
-    """f and its derivatives that do not vanish, in the names of observables; and what each is a derivative by."""
+    """f and those of its derivatives that do not vanish, in names of observables; and for each derivative its
+    variable.
+    """
     sympy, ndof = optional("sympy", "sympy"), letters[0][2]
     if isinstance(formula, str) and "Sum" in formula:
         raise IncompatibleError(f"f = {formula!r} is a sum over sites, whose derivatives are not known: give a pair")

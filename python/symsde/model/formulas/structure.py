@@ -39,7 +39,7 @@ class Structure:
     quadratic: bool  #: every H_j is a polynomial of degree two at most
     identity_mass: bool  #: H = p.p/2 + U(q)
     constant_mass: bool  #: H = p.M p/2 + U(q) with a matrix M of constants
-    diagonal_mass: bool  #: this matrix is diagonal
+    diagonal_mass: bool  #: the matrix of constant_mass is diagonal
     time_dependent: bool  #: some H_j depends on t
     bandwidth: int  #: bandwidth of every block of the Hessian: entries (i, j) with |i - j| above it vanish
     nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian

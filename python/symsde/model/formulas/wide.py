@@ -18,8 +18,9 @@ from .named_formulas import MAX_DOF, Problem
 
 
 def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
-    """A model of the same Hamiltonians, whose further positions are these parameters and all that go by path; and
-    the names of these positions. Only Hessians of the wide model are asked for, and momenta of parameters stay zero.
+    """A model of the same Hamiltonians whose further positions are these parameters and all parameters that go by path,
+    and the names of these positions. Only Hessians of the wide model are asked for, and momenta of parameters stay
+    zero.
     """
     by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
     wanted = [*names, *(name for name in by_path if name not in names)]
@@ -45,7 +46,7 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
 
 
 def _derived(problem: Problem, wanted: list[str], others: dict[str, float], name: str) -> FormulaModel:
-    """The wide model: coordinates x0, x1, .. and y0, y1, .., other parameters as they are called inside."""
+    """The wide model: coordinates x0, x1, .. and y0, y1, .., other parameters keep their internal names."""
     places = {name: problem.ndof + k for k, name in enumerate(wanted)}
     new = {f"{letter}{i}": f"{other}{i}" for letter, other in ("qx", "py") for i in range(problem.ndof)}
     new |= {f"c{k}": f"x{places[x]}" for k, x in enumerate(problem.parameters) if x in places}
