@@ -7,8 +7,10 @@ import ctypes
 import itertools
 import os
 import pickle
+import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -452,6 +454,18 @@ def test_compilation_is_bounded_in_processor_time(monkeypatch):
     assert busy is not None  # the computing child was ended
     patient = compiler._bounded([sys.executable, "-c", "import time; time.sleep(1.5); print('done')"])
     assert patient.stdout == "done\n"
+
+
+def test_compilation_is_told_in_processor_time(tmp_path, monkeypatch):
+    """A compiler that waits one second before it computes: the wait is no time of the processor."""
+    script = tmp_path / "late-cc"
+    script.write_text(f'#!/bin/sh\n[ "$1" = --version ] || sleep 1\nexec {shutil.which("cc")} "$@"\n')
+    script.chmod(0o755)
+    monkeypatch.setenv("SYMSDE_CC", str(script))
+    monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path / "cache"))
+    begin = time.perf_counter()
+    model = ss.model_from_sympy(p**2 / 2 + q**6, q=q, p=p)
+    assert 0 < model.formula.seconds_compilation < time.perf_counter() - begin - 0.9
 
 
 def test_signs_stand_before_products_and_sums():

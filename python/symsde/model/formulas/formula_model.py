@@ -7,7 +7,7 @@ import ctypes
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -42,7 +42,7 @@ class Formula:
     backend: str  #: "C"; "NumPy" if there is no compiler
     source: str  #: the generated code
     seconds_derivatives: float  #: seconds for derivatives and code
-    seconds_compilation: float  #: seconds for the compiler; 0 = the code was compiled before
+    seconds_compilation: float  #: seconds of processor time of the compiler; 0 = the code was compiled before
     file: str = field(default="", compare=False)  #: the compiled library
 
 
@@ -379,8 +379,11 @@ def _of_values(code: Code, values: dict[str, Any], damping: Any) -> FormulaModel
         parameters.require_numbers(values, "without a C compiler")
         model = _plain(code, in_numpy.InNumpy(code.derivatives, values).functions())
     else:
-        code.root = code.root or _root(code)
-        model = parameters.valued(code.root, code, values)
+        root = code.root or _root(code)
+        model = parameters.valued(root, code, values)
+        if code.root is None:  # further models take no time for derivatives and compilation
+            root.formula = replace(root.formula, seconds_derivatives=0.0, seconds_compilation=0.0)
+            code.root = root
     model._parameters = values
     model._remade = (_made, ({**code.given, "params": values},))
     return model if damping is None else model.damped(damping, allow_gain=True)
