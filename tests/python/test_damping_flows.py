@@ -40,7 +40,9 @@ def exact(omega, friction, tau):
 @pytest.mark.parametrize("rate", [1e-12, 1e-6, 0.3, 3.99999999, 4.0, 4.00000001, 4.3, 7.0, 80.0, -1.0, -5.0])
 @pytest.mark.parametrize("step", [0.5, 1e-4, -0.25])
 def test_rotations_decay_exactly(rate, step):
-    """Springs leave nothing to the kicks: weak, critical and strong damping, gamma h from 1e-16 to 40, and gain."""
+    """Rotations between kicks move springs exactly: weak, critical and strong damping, gamma h from 1e-16 to 40, and
+    gain.
+    """
     model = SPRINGS.damped(rate, allow_gain=True)
     known = exact((2.0, np.sqrt(2)), np.diag([rate, rate]), step)
     scale = np.maximum(1, np.abs(known).max())
@@ -51,7 +53,7 @@ def test_rotations_decay_exactly(rate, step):
 @pytest.mark.filterwarnings("ignore::symsde.errors.DoubtfulRunWarning")
 @pytest.mark.parametrize("step", [0.5, 1e-4, -0.25])
 def test_rotations_couple_by_friction(step):
-    """A matrix of friction turns all degrees of freedom at once; a diagonal one is the rates."""
+    """A matrix of friction turns all degrees of freedom at once; a diagonal matrix has the effect of unequal rates."""
     for friction in ([[0.9, -0.5], [-0.5, 1.6]], [[30.0, -30.0], [-30.0, 30.0]], [[0.7, 0.0], [0.0, 2.0]]):
         known = exact((2.0, np.sqrt(2)), friction, step)
         for scheme in ROTATIONS:
@@ -82,7 +84,7 @@ def test_no_damping_changes_no_bit(scheme):
 
 
 def test_stiff_springs_do_not_bound_the_step():
-    """At omega h = 6 the damped rotation is as good as at h where others resolve the spring."""
+    """At omega h = 6 damped rotations have a small error, while kicks of the spring are unstable."""
     stiff = ss.model_from_sympy("(p1**2 + p2**2)/2 + 450*q1**2 + q2**2/2 + q1*q2**2/4 + q2**4/4", noise=["-0.3*q2"])
     stiff = stiff.damped(0.5)
     given = {"q0": [0.01, 0.7], "p0": 0.1, "paths": 20, "seed": 1}
@@ -96,7 +98,9 @@ def test_stiff_springs_do_not_bound_the_step():
 
 @pytest.mark.parametrize(("rate", "horizon"), [(2.0, 2.0), (1e-12, 1.0), (40.0, 1.0), (-1.5, 1.0), (2.0, -1.0)])
 def test_verlet_with_dz_moves_free_particles_by_the_law(rate, horizon):
-    """On the path at all levels alike; by its law with the variances of free motion, found on dW and dZ each."""
+    """With the noise of the path a free particle ends alike at all levels; with noise in law variances are those of
+    free motion, found by one step on dW and one on a.
+    """
     model = FREE.damped(rate, allow_gain=True)
     given = {"q0": 0.7, "p0": 0.3, "seed": 3, "paths": 50, "scheme": "verlet_dz"}
     ends = []
@@ -119,7 +123,7 @@ def test_verlet_with_dz_moves_free_particles_by_the_law(rate, horizon):
 
 
 def test_strong_damping_of_verlet_with_dz():
-    """Strong order 2 at gamma = 10, and better along the path; polynomial weights have the order, too."""
+    """Strong order 2 at gamma = 10 with every choice of the noise; along the path errors are smaller."""
     well = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", noise=["-1.4*q"]).damped(10.0)
     given = {"q0": 0.7, "p0": 0.3, "seed": 3, "paths": 100}
 
@@ -137,14 +141,16 @@ def test_strong_damping_of_verlet_with_dz():
 
 
 def test_what_is_said():
-    """Polynomial weights at gamma h = 3 have a wrong temperature, which is told; they have no other noise."""
+    """Polynomial weights at gamma h = 3 have a wrong temperature, of which a warning tells; where flows between
+    kicks are not free, no other noise is accepted.
+    """
     given = {"q0": 0.1, "p0": 0.0, "step": 1.0, "steps": 1}
     for scheme in ("gauss_dkdkd_rotation", "exact_rotation", "gauss_dkdkd_midpoint", "verlet_kdk_midpoint"):
         with pytest.warns(DoubtfulRunWarning, match="times the right mean"):
             ss.simulate(SOFT.damped(3.0), scheme=scheme, **given)
         with pytest.raises(IncompatibleError, match="no kicks between free drifts"):
             ss.simulate(SOFT.damped(1.0), scheme=scheme, damping_noise="path", **given)
-    # the number is that of one step from rest on dW and a each; "polynomial" is judged likewise
+    # the number is found by one step from rest on dW and one on a; polynomial weights are judged likewise
     rate, rows = 3.0, np.zeros((1, 2, 2))
     rows[0, 0, 0], rows[0, 1, 0], rows[0, 1, 1] = 1.0, 0.5, 1.0
     for scheme, noise in (("gauss_dkdkd_midpoint", "law"), ("gauss_dkdkd", "polynomial"), ("verlet_dz", "polynomial")):

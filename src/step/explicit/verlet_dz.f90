@@ -10,13 +10,13 @@
 !> Why dZ: over a step the noise moves q by g int_0^h W(s) ds = g dZ, while Verlet's drift gives g h dW/2. The shift
 !> adds the difference, and so raises the strong order for additive noise from 1 to 2.
 !>
-!> In a damped model half drifts decay, and the shift s of q costs p the friction on it:
+!> In a damped model half drifts decay, and the shift s of q changes p by its friction, -gamma s:
 !>
 !>    Q = q_n + phi p_n,                              p* = exp(-gamma h/2) p_n - h U'(Q) + g dW
 !>    q_{n+1} = Q + phi p* + s,   s = g (D - phi dW)  p_{n+1} = exp(-gamma h/2) p* - gamma s,   phi = phi(h/2)
 !>
 !> so that q and p receive g D and g (dW - gamma D), the noise of free motion where one rate damps (step/open/kick_law).
-!> Unequal rates and a matrix of friction keep D - phi dW = dZ - h dW/2, which holds to the order of the scheme.
+!> With unequal rates or a matrix of friction dZ - h dW/2 takes the place of D - phi dW, to the order of the scheme.
 !>
 !> One gradient at Q with all weights gives dp. The shift is a gradient too, with the weights v_0 = 0 and v_k = dZ_k - h
 !> dW_k/2: it is sum_k v_k H_{k,q} = -sum_k v_k g_k, which does not depend on the point.
@@ -40,13 +40,13 @@ module symsde_step_explicit_verlet_dz
    type, extends(stepper_type) :: verlet_dz_stepper
       private
       logical :: time_dependent = .false.                     !! whether g changes in time
-      real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
+      real(wp), allocatable :: v(:, :)                !! weights of the shift: 0, v_k (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
       type(damping_type) :: damping
       type(friction_flow), allocatable :: friction    !! half drifts with a matrix of friction
-      integer :: damping_noise = 0                    !! of the enumerators of base/damping
+      integer :: damping_noise = 0                    !! noise of free motion, as in base/damping
       logical :: by_law = .false.                     !! whether the noise is that of free motion
-      real(wp), allocatable :: ps(:, :), lost(:, :)   !! momenta within the step, and what they lose (nlane, ndof)
+      real(wp), allocatable :: ps(:, :), lost(:, :)   !! momenta within the step; their loss by the shift (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -117,7 +117,7 @@ contains
       dq = dq - self%shift
    end subroutine increment
 
-   !> The same with decay. dp holds p* - p_n until the second half drift.
+   !> Increments of a damped model. dp holds p* - p_n until the second half drift.
    subroutine damped_increment(self, step, q, p, dq, dp)
       type(verlet_dz_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

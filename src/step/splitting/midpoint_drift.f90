@@ -58,7 +58,7 @@ contains
       type(stepper_task), intent(in) :: whole  !! the task with the scheme of kicks
       type(stepper_task) :: task
       type(error_type), allocatable :: error
-      real(wp), allocatable :: half(:)   ! of the parts of a step between kicks
+      real(wp), allocatable :: half(:)   ! half of each part of a step between kicks
 
       ! Everything but the scheme is as in the task of the kicks: model, lanes, and options of Newton's iteration.
       task = whole
@@ -97,7 +97,7 @@ contains
    !> `failed` marks them.
    subroutine move(self, leg, t, h, tau, q, p, dq, dp, status)
       class(midpoint_flow), intent(inout), target :: self
-      integer, intent(in) :: leg               !! of the step of length h
+      integer, intent(in) :: leg               !! number of the leg in the step of length h
       real(wp), intent(in) :: t, h, tau
       real(wp), intent(in), dimension(self%stepper%ham%nlane, self%stepper%ham%ndof) :: q, p
       real(wp), intent(inout), dimension(self%stepper%ham%nlane, self%stepper%ham%ndof) :: dq, dp
