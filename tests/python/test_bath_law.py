@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.errors import IncompatibleError, InvalidArgumentError
+from symsde.errors import IncompatibleError, InvalidArgumentError, UnknownNameError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))
 import contraction
@@ -213,7 +213,7 @@ def test_refusals():
     for wrong in ({"step": 0.0}, {"gamma": -1.0}, {"omega": 0.0}):
         with pytest.raises(InvalidArgumentError, match="give a number above zero"):
             ss.diagnose.bath_law("chin4a", **{"step": 0.1, "gamma": 1.0, **wrong})
-    with pytest.raises(InvalidArgumentError, match="friction = 'drag': give 'damping' or 'force'"):
+    with pytest.raises(UnknownNameError, match="friction = 'drag' does not exist: there are damping, force"):
         ss.diagnose.bath_law("chin4a", step=0.1, gamma=1.0, friction="drag")
     with pytest.raises(IncompatibleError, match="is made of flows of Hamiltonians, of which a force is none"):
         ss.diagnose.bath_law("chin4a", step=0.1, gamma=1.0, friction="force")

@@ -78,8 +78,7 @@ def bath_law(
 
     IncompatibleError: the scheme does not run such models, or its steps have no stationary law at this h omega.
     """
-    if friction not in _FRICTION:
-        raise InvalidArgumentError(f"friction = {checks.shown(friction)}: give {' or '.join(map(repr, _FRICTION))}")
+    checks.choice("friction", friction, list(_FRICTION))
     chosen = as_scheme(scheme)
     h, rate, frequency = (checks.number(key, x) for key, x in (("step", step), ("gamma", gamma), ("omega", omega)))
     for key, value in (("step", h), ("gamma", rate), ("omega", frequency)):
