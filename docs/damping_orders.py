@@ -18,7 +18,9 @@ import symsde as ss
 from symsde.show.tables import markdown
 
 TARGET = Path(__file__).with_name("damping_orders.json")
-KINDS = {"one rate": 0.8, "rates": [0.5, 1.5], "matrix": [[0.9, -0.5], [-0.5, 1.6]]}
+KINDS = {"one rate": 0.8, "rates": [0.5, 1.5], "matrix": [[0.9, -0.5], [-0.5, 1.6]],
+         "gamma(t)": "0.8 + 0.7*sin(3*t)",
+         "gamma_i(q, t)": ["1 + 0.8*sin(q1 - q2 + t)", "0.5 + 0.4*cos(q2 + 2*t)"]}  # fmt: skip
 CLASSES = {
     "additive": ("-0.5*q1", "-0.4*q2 + 0.1*q1"),
     "position": ("0.3*sin(q1) + 0.1*q2", "0.2*q1*q2"),
@@ -86,7 +88,7 @@ def parts():
             refused.setdefault(kinds["one rate"]["additive"], []).append(scheme)
         else:
             rows.append([f"`{scheme}`", *cells])
-    head = ["scheme", *(f"{kind}: additive noise, noise in position" for kind in KINDS)]
+    head = ["scheme", *(f"`{kind}`" if "gamma" in kind else kind for kind in KINDS)]
     reasons = [f"- {', '.join(f'`{x}`' for x in schemes)}: {reason}" for reason, schemes in refused.items()]
     return {"schemes": "\n\n".join((markdown(head, rows).strip(), "Refused for every kind:", "\n".join(reasons)))}
 

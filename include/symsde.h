@@ -138,6 +138,8 @@ typedef int (*symsde_force)(int nlane, int ndof, int nham, double t, const doubl
 /* derivatives of the force, fq and fp [ndof][ndof][nlane]; fq[j][i] is the derivative of component i by q_j */
 typedef int (*symsde_force_derivative)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, double *fq, double *fp, void *user);
+/* rate[nrate][nlane] of damping at (q, t), one rate of all momenta or one for each [1/time] */
+typedef int (*symsde_damping)(int nlane, int ndof, int nrate, double t, const double *q, double *rate, void *user);
 
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
@@ -177,6 +179,12 @@ int symsde_model_set_derived(symsde_model model, symsde_error *error);
  * of freedom or one for each [1/time]. Rates of zero take it back. A negative rate needs allow_gain. No run may be using
  * the model. Tableaux execute it, and free drifts with kicks; other schemes are refused */
 int symsde_model_set_damping(symsde_model model, int nrate, const double *rates, int allow_gain, symsde_error *error);
+/* Damp by rates that are a function of position, of time or of both, gamma_i(q, t), with nrate = 1 or one for each degree of
+ * freedom, in the place of others; NULL takes them back. A path fails where a rate is negative without allow_gain. No run
+ * may be using the model. Tableaux and free drifts with kicks execute it; other schemes are refused */
+enum symsde_depends { SYMSDE_ON_POSITION = 1, SYMSDE_ON_TIME = 2, SYMSDE_ON_POSITION_AND_TIME = 3 };
+int symsde_model_set_damping_function(symsde_model model, symsde_damping rates, int nrate, int depends, int allow_gain,
+                                      void *user, symsde_error *error);
 /* Friction on velocities, p' = .. - Gamma M^-1 p, by a symmetric matrix [ndof][ndof] [mass/time], where H = p.M^-1 p/2 +
  * U(q) is declared (identity_mass or constant_mass), in the place of rates. Zeros take it back. A negative eigenvalue
  * needs allow_gain. Schemes of one stage execute it, and free drifts with kicks; other schemes are refused */

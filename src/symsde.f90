@@ -34,6 +34,7 @@ module symsde
    use symsde_model_abstract, only: model_type
    use symsde_base_damping, only: damping_type, new_damping, noise_of_scheme, noise_law2, noise_law3, noise_path, &
                                   noise_polynomial
+   use symsde_base_rates, only: rate_type
    use symsde_base_traits, only: force_traits
    use symsde_model_forces, only: force_type
    use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator

@@ -8,9 +8,11 @@
 !>
 !>    dp = -H_q dt - Gamma M^-1 p dt - ..,                Gamma = Gamma^T
 !>
-!> with a matrix Gamma and H = p.M^-1 p/2 + U(q), shrinks volume alone, by exp(-h tr Gamma M^-1).
+!> with a matrix Gamma and H = p.M^-1 p/2 + U(q), shrinks volume alone, by exp(-h tr Gamma M^-1). Rates may be functions
+!> gamma_i(q, t), too (base/rates): then the factor depends on the path, and on time alone where gamma(t) does.
 module symsde_base_damping
    use symsde_base_kinds, only: wp
+   use symsde_base_rates, only: rate_type
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits
@@ -20,7 +22,7 @@ module symsde_base_damping
    public :: noise_of_scheme, noise_law2, noise_law3, noise_path, noise_polynomial
 
    interface new_damping
-      module procedure new_rates, new_friction
+      module procedure new_rates, new_friction, new_varying
    end interface new_damping
 
    integer, parameter :: largest_friction = 512   !! degrees of freedom up to which a matrix is taken
@@ -34,12 +36,16 @@ module symsde_base_damping
       enumerator :: noise_polynomial = 4   !! as without damping, whose moments hold to the order of the scheme
    end enum
 
-   !> The damping rates of a model, or its friction; neither is allocated for a closed system.
+   !> The damping rates of a model, numbers or functions, or its friction; a closed system has none of the three.
    type :: damping_type
       real(wp), allocatable :: rate(:)         !! gamma_i [1/time] (ndof)
       real(wp), allocatable :: friction(:, :)  !! Gamma [mass/time] (ndof, ndof)
+      class(rate_type), pointer :: varying => null()  !! gamma_i(q, t); it outlives the model
+      logical :: gain = .false.                !! whether gamma_i(q, t) may be negative
    contains
       procedure :: acts
+      procedure :: is_constant
+      procedure :: shrinks_alike
       procedure :: is_scalar
       procedure :: describe
       procedure :: refuse
@@ -138,10 +144,24 @@ contains
       end do
    end subroutine new_friction
 
+   !> Damping by rates that are functions of position and time. A negative rate at a state fails the path there, unless
+   !> gain is allowed. Null is a closed system.
+   subroutine new_varying(self, varying, allow_gain)
+      type(damping_type), intent(inout) :: self
+      class(rate_type), intent(in), pointer :: varying
+      logical, intent(in), optional :: allow_gain
+
+      call take_back(self)
+      self%varying => varying
+      if (present(allow_gain)) self%gain = allow_gain
+   end subroutine new_varying
+
    !> A closed system.
    subroutine take_back(self)
       type(damping_type), intent(inout) :: self
 
+      nullify (self%varying)
+      self%gain = .false.
       if (allocated(self%rate)) deallocate (self%rate)
       if (allocated(self%friction)) deallocate (self%friction)
    end subroutine take_back
@@ -200,6 +220,8 @@ contains
          text = 'dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix'
          if (keeps) text = text//', which shrinks volume alone by one factor'
          return
+      else if (associated(self%varying)) then
+         call describe_varying(self%varying, traits%ndof, keeps, text)
       else if (self%is_scalar()) then
          text = 'dp = .. - '//to_text(self%rate(1))//' p dt'
          if (keeps) text = text//', so that dp^dq shrinks by one factor'
@@ -215,6 +237,37 @@ contains
          text = text//'; of momenta, which is not friction on velocities'
       end if
    end subroutine describe
+
+   !> Describe rates that are functions, and the factor by which a step shrinks.
+   subroutine describe_varying(varying, ndof, keeps, text)
+      class(rate_type), intent(in) :: varying
+      integer, intent(in) :: ndof
+      logical, intent(in) :: keeps   !! whether steps keep a factor
+      character(:), allocatable, intent(out) :: text
+      character(:), allocatable :: of
+
+      of = 'gamma'
+      if (.not. varying%one) of = 'gamma_i'
+      if (varying%of_position .and. varying%of_time) then
+         of = of//'(q, t)'
+      else if (varying%of_position) then
+         of = of//'(q)'
+      else
+         of = of//'(t)'
+      end if
+      text = 'dp = .. - '//of//' p dt'
+      if (.not. varying%one) text = 'dp_i = .. - '//of//' p_i dt'
+      if (.not. keeps) return
+      if (.not. varying%of_position .and. varying%one) then
+         text = text//', so that dp^dq shrinks by one factor of each step'
+      else if (ndof == 1) then
+         text = text//', so that dp^dq shrinks by a factor that depends on the path'
+      else if (varying%of_position) then
+         text = text//', which shrinks volume alone, by a factor that depends on the path'
+      else
+         text = text//', which shrinks volume alone by one factor of each step'
+      end if
+   end subroutine describe_varying
 
    !> Refuse a damped model for a result that only closed systems have.
    subroutine refuse(self, model, place, what, error)
@@ -233,14 +286,29 @@ contains
    pure logical function acts(self)
       class(damping_type), intent(in) :: self
 
-      acts = allocated(self%rate) .or. allocated(self%friction)
+      acts = allocated(self%rate) .or. .not. self%is_constant() .or. allocated(self%friction)
    end function acts
 
-   !> Whether all degrees of freedom have the same rate. A matrix is no rate.
+   !> Whether rates or matrix, if there are any, are numbers.
+   pure logical function is_constant(self)
+      class(damping_type), intent(in) :: self
+
+      is_constant = .not. associated(self%varying)
+   end function is_constant
+
+   !> Whether a step of any state shrinks dp ^ dq by one factor: the same rate for all momenta, anywhere.
+   pure logical function shrinks_alike(self)
+      class(damping_type), intent(in) :: self
+
+      shrinks_alike = self%is_scalar()
+      if (associated(self%varying)) shrinks_alike = self%varying%one .and. .not. self%varying%of_position
+   end function shrinks_alike
+
+   !> Whether all degrees of freedom have the same constant rate. A matrix is no rate.
    pure logical function is_scalar(self)
       class(damping_type), intent(in) :: self
 
-      is_scalar = .not. allocated(self%friction)
+      is_scalar = self%is_constant() .and. .not. allocated(self%friction)
       if (allocated(self%rate)) is_scalar = all(abs(self%rate - self%rate(1)) <= 0)
    end function is_scalar
 

@@ -3,6 +3,7 @@
 !> steps of schemes, parameters by path; and declarations that its functions accept NULL or any number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_associated, c_funptr, c_int, c_int64_t, c_ptr
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_maps, only: step_map
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
@@ -12,6 +13,7 @@ module symsde_capi_joint
    use symsde_capi_model, only: begin_handle, find_model, new_handle
    use symsde_capi_text, only: read_text
    use symsde_model_abstract, only: model_type
+   use symsde_model_forces, only: force_type
    use symsde_model_user_callback, only: callback_model
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
@@ -197,6 +199,7 @@ contains
       type(callback_model), pointer :: known
       real(wp), pointer, contiguous :: frequencies(:)
       class(model_type), allocatable :: other
+      class(force_type), pointer :: no_forces
 
       call begin_handle(made, 'made', refusal)
       call find_callback_model(model, known, 'symsde_model_with_user', refusal)
@@ -205,6 +208,10 @@ contains
          select type (other)
          type is (callback_model)
             other = known
+            ! forces and rates that are functions belong to the handle of the model
+            nullify (no_forces)
+            if (associated(other%forces)) call other%set_forces(no_forces)
+            if (.not. other%damping%is_constant()) other%damping = damping_type()
             call other%set_user(user)
             if (c_associated(rotation)) then
                call view(rotation, int(other%traits%ndof, i8), frequencies)

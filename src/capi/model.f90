@@ -5,6 +5,7 @@ module symsde_capi_model
       c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
       c_sizeof
    use symsde_base_damping, only: new_damping
+   use symsde_base_rates, only: rate_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, &
@@ -20,13 +21,15 @@ module symsde_capi_model
    use symsde_model_forces, only: force_type
    use symsde_model_user_callback, only: callback_model, new_callback_model
    use symsde_model_user_callback_force, only: callback_force
+   use symsde_model_user_callback_rates, only: callback_rates
    use symsde_model_views_thermostat, only: thermostat_model, new_thermostat
    use symsde_model_catalogue_by_name, only: get_model, model_names, tabulate
    implicit none
    private
    public :: find_model, use_model, copy_model, begin_handle, new_handle
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
-   public :: symsde_model_set_damping, symsde_model_set_friction, symsde_model_thermostat
+   public :: symsde_model_set_damping, symsde_model_set_friction, symsde_model_set_damping_function
+   public :: symsde_model_thermostat
    public :: symsde_model_set_force, symsde_model_set_noise_force
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
@@ -37,7 +40,14 @@ module symsde_capi_model
       integer(i8) :: tag = tag_of_model
       class(model_type), allocatable :: model
       type(callback_force), pointer :: forces => null()   !! the model's forces; owned
+      type(callback_rates), pointer :: rates => null()    !! the model's rates of damping; owned
    end type model_handle
+
+   enum, bind(c)
+      enumerator :: on_position = 1
+      enumerator :: on_time = 2
+      enumerator :: on_position_and_time = 3
+   end enum
 
 contains
 
@@ -214,6 +224,44 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_damping
 
+   !> Damp the momenta of a model by rates that are a function, gamma_i(q, t).
+   function symsde_model_set_damping_function(model, rates, nrate, depends, allow_gain, user, error) result(status) &
+      bind(c, name='symsde_model_set_damping_function')
+      type(c_ptr), intent(in), value :: model, user, error
+      type(c_funptr), intent(in), value :: rates         !! symsde_damping, or NULL
+      integer(c_int), intent(in), value :: nrate         !! 1, or one for each degree of freedom
+      integer(c_int), intent(in), value :: depends       !! on_position .. on_position_and_time
+      integer(c_int), intent(in), value :: allow_gain    !! nonzero: rates may be negative
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      class(rate_type), pointer :: acting
+      type(model_handle), pointer :: holder
+
+      call find_model(model, known, refusal)
+      if (.not. allocated(refusal) .and. c_associated(rates)) then
+         if (nrate /= 1 .and. nrate /= known%traits%ndof) &
+            call raise(refusal, invalid_argument, 'symsde_model_set_damping_function', 'nrate = '//to_text(nrate)// &
+                       ' for '//to_text(known%traits%ndof)//' degrees of freedom: give one rate, or one for each')
+         if (depends < 1 .or. depends > on_position_and_time) &
+            call raise(refusal, invalid_argument, 'symsde_model_set_damping_function', 'depends = '// &
+                       to_text(depends)//' is unknown: rates depend on position (1), time (2) or both (3); give '// &
+                       'constant ones to symsde_model_set_damping')
+      end if
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(model, holder)
+         nullify (acting)
+         if (c_associated(rates)) then
+            if (.not. associated(holder%rates)) allocate (holder%rates)
+            call holder%rates%set(rates, nrate == 1, iand(depends, on_position) > 0, iand(depends, on_time) > 0, user)
+            acting => holder%rates
+         end if
+         call new_damping(known%damping, acting, allow_gain /= 0)
+         call known%passed%forget()
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_damping_function
+
    !> Friction on the velocities of a model, p' = .. - Gamma M^-1 p, by a symmetric matrix (ndof, ndof) [mass/time].
    function symsde_model_set_friction(model, friction, allow_gain, error) result(status) &
       bind(c, name='symsde_model_set_friction')
@@ -331,6 +379,7 @@ contains
             call c_f_pointer(handle, holder)
             holder%tag = 0
             if (associated(holder%forces)) deallocate (holder%forces)
+            if (associated(holder%rates)) deallocate (holder%rates)
             deallocate (holder)
             handle = c_null_ptr
          end if

@@ -36,6 +36,7 @@ module symsde_diagnose_symplecticity
    use symsde_base_damping, only: decay_less_one
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
+   use symsde_step_open_varying, only: loss_of_step
    use symsde_step_factory, only: resolve_task, make_stepper
    use symsde_step_memory, only: step_memory, find_step_memory
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -64,10 +65,11 @@ contains
 
    !> defect(point) = max_ij |(M^T J M - c J)_ij| of the step from (q, p) at time options%t0 with the
    !> given increments, c = 1; which is zero for the schemes of [WHSB], by Theorem 3.2. NaN where the step was not
-   !> solved. For a model damped by one rate, c = exp(-gamma h) (base/damping); unequal rates conserve no such form and
-   !> are refused. Of the options step, t0, correction, general, max_iter and fixed_point are used. dZ and areas are
-   !> used by the schemes that need them; they must have the shapes given. Errors: wrong_shape, invalid_argument, those
-   !> of check_options and new_stepper; stopped, by the monitor.
+   !> solved. For a model damped by one rate, c = exp(-gamma h) (base/damping), or exp(-int gamma dt) for gamma(t);
+   !> unequal rates conserve no such form, and rates that depend on q no factor: both are refused. Of the options step,
+   !> t0, correction, general, max_iter and fixed_point are used. dZ and areas are used by the schemes that need them;
+   !> they must have the shapes given. Errors: wrong_shape, invalid_argument, those of check_options and new_stepper;
+   !> stopped, by the monitor.
    subroutine symplecticity_defect(model, scheme, options, q, p, dw, defect, error, spacing, dz, areas, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
@@ -87,10 +89,12 @@ contains
 
       if (allocated(error)) return
       loss = 0
-      if (.not. model%damping%is_scalar()) then
+      if (.not. model%damping%shrinks_alike()) then
          call model%damping%refuse(model%name, 'symplecticity_defect', &
                                    'a form that a step keeps up to one factor', error)
          return
+      else if (.not. model%damping%is_constant()) then
+         loss = loss_of_step(model%damping, model%traits%ndof, options%t0, options%step)
       else if (model%damping%acts()) then
          loss = decay_less_one(model%damping%rate(1)*options%step)
       end if

@@ -53,6 +53,7 @@ module symsde_model_abstract
       procedure :: set_forces
       procedure :: refuse_open
       procedure :: refuse_forces
+      procedure :: calls_users
       procedure :: force
       procedure :: force_derivative
       procedure :: force_along
@@ -262,6 +263,13 @@ contains
       call self%damping%refuse(self%name, place, what, error)
       call self%refuse_forces(place, what, error)
    end subroutine refuse_open
+
+   !> Whether functions of users act beside the Hamiltonians: forces, or rates of damping.
+   pure logical function calls_users(self)
+      class(model_type), intent(in) :: self
+
+      calls_users = associated(self%forces) .or. .not. self%damping%is_constant()
+   end function calls_users
 
    !> Refuse a model on which forces act.
    subroutine refuse_forces(self, place, what, error)

@@ -26,10 +26,10 @@ module symsde_scheme_certificate
                                    splitting_form, symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
    use symsde_scheme_damped, only: damped_refusal, keeps_damped_volume, temperature_at_rest, one_rate, unequal_rates, &
-                                   friction_matrix
+                                   friction_matrix, varying_rates
    use symsde_scheme_kicks, only: flow_midpoint
-   use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, evidence_claimed, evidence_derived, &
-                                   evidence_text
+   use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, additive_noise, evidence_claimed, &
+                                   evidence_derived, evidence_text
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -59,6 +59,7 @@ module symsde_scheme_certificate
       character(:), allocatable :: damped_by_rate     !! what steps keep with one rate of damping, or a refusal
       character(:), allocatable :: damped_by_rates    !! the same with unequal rates
       character(:), allocatable :: damped_by_matrix   !! the same with a matrix of friction
+      character(:), allocatable :: damped_by_function !! the same with rates that are functions of position and time
       real(wp) :: damped_order(2) = 0           !! measured strong orders with one rate (scheme_type)
       character(:), allocatable :: remark       !! more facts on the scheme
       logical :: symplectic = .false.
@@ -138,6 +139,7 @@ contains
       call judge_damping(c, scheme, one_rate, c%damped_by_rate)
       call judge_damping(c, scheme, unequal_rates, c%damped_by_rates)
       call judge_damping(c, scheme, friction_matrix, c%damped_by_matrix)
+      call judge_damping(c, scheme, varying_rates, c%damped_by_function)
       c%damped_order = scheme%damped_order
    end function certificate
 
@@ -167,10 +169,14 @@ contains
       else
          text = 'volume times exp(-h sum gamma_i)'
          if (kind == friction_matrix) text = 'volume times exp(-h tr Gamma M^-1)'
-         if (.not. keeps_damped_volume(scheme)) text = text//', at least to the order of the scheme'
+         if (kind == varying_rates) text = 'volume times exp(-sum int gamma_i dt), by the rates where momenta decay'
+         if (.not. keeps_damped_volume(scheme, kind)) text = text//', at least to the order of the scheme'
          text = text//'; no form'
-         if (c%correction_exists) text = text//'; refused where the correction acts'
-         if (scheme%brackets%areas) text = text//'; refused where areas act'
+         if (kind == varying_rates) text = text//' but with one gamma(t)'
+         if (kind == unequal_rates .and. scheme%nstage > 1) then
+            if (c%correction_exists) text = text//'; refused where the correction acts'
+            if (scheme%brackets%areas) text = text//'; refused where areas act'
+         end if
       end if
       if (scheme%form == galerkin_form) text = text//'; where it is a tableau for the model'
    end subroutine judge_damping
@@ -410,6 +416,7 @@ contains
       call add(text, 'damped, one rate', c%damped_by_rate)
       call add(text, 'damped, unequal rates', c%damped_by_rates)
       call add(text, 'damped, matrix', c%damped_by_matrix)
+      call add(text, 'damped, gamma(q, t)', c%damped_by_function)
       found = 'not measured'
       if (c%damped_order(1) > 0) then
          write (numbers, '(f8.2)') c%damped_order
@@ -417,6 +424,7 @@ contains
          if (c%damped_order(2) > 0) found = found//', '//trim(adjustl(numbers(2)))//' with noise in position'
          found = found//', on a chain of two with one rate'
       end if
+      if (c%order(additive_noise)%value > 2) found = 'by gamma where it depends on q 2 at most; '//found
       call add(text, 'damped, strong orders', 'as without damping; '//found)
    end subroutine add_damping
 

@@ -2,13 +2,15 @@
 !>    one rate           dp ^ dq times exp(-gamma h)
 !>    unequal rates      volume times exp(-h sum gamma_i)
 !>    a matrix           volume times exp(-h tr Gamma M^-1)
+!>    gamma_i(q, t)      volume times exp(-sum int gamma_i dt), where momenta decay
 !>
 !> What a scheme does with damped momenta: whether it runs, and what its steps keep.
 !>
 !> With one rate a symplectic tableau keeps its form up to that factor (scheme/decays), and so do kicks between drifts
-!> that decay. With unequal rates or a matrix the flow itself keeps volume alone. Maps that are made of exact flows, of
-!> one stage between two decays, or of stages that follow each other keep it to rounding; a tableau of several
-!> implicit stages does not, as no Hamiltonian is behind its decays, and keeps it to its order.
+!> that decay. With unequal rates, a matrix or functions the flow itself keeps volume alone. Maps that are made of exact
+!> flows, of a closed system's step between two decays, or of stages that follow each other keep it to rounding; with
+!> unequal rates a tableau of several implicit stages does not, as no Hamiltonian is behind its decays, and keeps it to
+!> its order.
 module symsde_scheme_damped
    use symsde_base_laws, only: law_gaussian
    use symsde_base_kinds, only: wp
@@ -20,23 +22,24 @@ module symsde_scheme_damped
    implicit none
    private
    public :: damped_refusal, keeps_damped_volume, temperature_at_rest, temperature_of_weights
-   public :: one_rate, unequal_rates, friction_matrix
+   public :: one_rate, unequal_rates, friction_matrix, varying_rates
 
    enum, bind(c)
       ! kinds of damping (base/damping)
       enumerator :: one_rate = 1
       enumerator :: unequal_rates = 2
       enumerator :: friction_matrix = 3
+      enumerator :: varying_rates = 4
    end enum
 
 contains
 
    !> Why a scheme is refused for a kind of damping, as the end of a sentence that begins with its name; not allocated
    !> where it runs. Brackets with H, or between drift and noise, would have to include the change of exp(gamma s) H_k
-   !> in time; with unequal rates no product of two gradients keeps its form.
+   !> in time; between unequal decays of stages no product of two gradients keeps its form.
    pure subroutine damped_refusal(scheme, kind, brackets, products, why)
       type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: kind                   !! one of the three enumerators
+      integer, intent(in) :: kind                   !! one of the four enumerators
       type(bracket_terms), intent(in) :: brackets   !! brackets that act
       logical, intent(in) :: products               !! whether a correction of one-sided schemes acts
       character(:), allocatable, intent(out) :: why
@@ -50,19 +53,19 @@ contains
          why = 'adds brackets of H, which damping would change in time'
       else if (scheme%kicks%is_word() .and. kind /= one_rate) then
          why = 'is a word, whose noise has one law for all momenta, that of one rate'
-      else if ((brackets%areas .or. products) .and. kind /= one_rate) then
+      else if ((brackets%areas .or. products) .and. kind == unequal_rates .and. scheme%nstage > 1) then
          why = 'adds products of gradients, which keep their form where all rates are equal'
-      else if (kind == friction_matrix .and. scheme%form == tableau_form .and. scheme%frame == frame_none .and. &
-               scheme%nstage > 1) then
-         why = 'is a tableau of several stages, or executed as one: its decays are numbers, no matrices'
+      else if (kind == varying_rates .and. (scheme%frame /= frame_none .or. scheme%kicks%flow /= flow_free)) then
+         why = 'is made of kicks and of flows that decay by numbers, rates or a matrix'
       end if
    end subroutine damped_refusal
 
-   !> Whether steps with unequal rates, or a matrix, multiply volume by its factor to rounding.
-   pure logical function keeps_damped_volume(scheme)
+   !> Whether steps with unequal rates, a matrix or functions multiply volume by its factor to rounding.
+   pure logical function keeps_damped_volume(scheme, kind)
       type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: kind
 
-      keeps_damped_volume = scheme%form == splitting_form .or. scheme%nstage == 1
+      keeps_damped_volume = scheme%form == splitting_form .or. scheme%nstage == 1 .or. kind /= unequal_rates
       if (.not. keeps_damped_volume .and. scheme%form /= galerkin_form) &
          keeps_damped_volume = is_explicit(scheme, .true.)
    end function keeps_damped_volume

@@ -43,7 +43,7 @@ contains
       allocate (self%begin(size(c), ndof), self%between(size(c), size(c), ndof), self%finish(size(c), ndof), &
                 source=1.0_wp)
       allocate (self%loss(ndof), source=0.0_wp)
-      if (.not. damping%acts()) return
+      if (.not. allocated(damping%rate)) return
       self%rate = damping%rate
       self%node = c
    end subroutine new_decays

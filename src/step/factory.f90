@@ -17,7 +17,7 @@ module symsde_step_factory
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
    use symsde_scheme_contract, only: require_scheme
-   use symsde_scheme_damped, only: damped_refusal, one_rate, unequal_rates, friction_matrix
+   use symsde_scheme_damped, only: damped_refusal, one_rate, unequal_rates, friction_matrix, varying_rates
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_free
@@ -27,6 +27,7 @@ module symsde_step_factory
                                    galerkin_form, splitting_form, bracket_terms, frame_none
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_open_kick_law, only: can_choose
+   use symsde_step_open_braked, only: braked_stepper
    use symsde_step_open_damped, only: damped_stepper, damped_fits
    use symsde_step_open_rubbed, only: rubbed_stepper
    use symsde_step_hamiltonian_brackets, only: active_brackets
@@ -217,8 +218,8 @@ contains
       task = wanted
       task%model => model
       task%nlane = nlane
-      if (task%damping%acts() .and. .not. task%general) then
-         if (task%scheme%frame == frame_shift) then
+      if (task%damping%acts() .and. .not. (task%general .and. allocated(task%damping%rate))) then
+         if (task%scheme%frame == frame_shift .and. .not. task%general) then
             allocate (verlet_dz_stepper :: stepper)
             call stepper%make(task)
             return
@@ -285,6 +286,8 @@ contains
       closed%damping = damping_type()
       if (allocated(task%damping%friction)) then
          allocate (rubbed_stepper :: damped)
+      else if (.not. task%damping%is_constant()) then
+         allocate (braked_stepper :: damped)
       else
          allocate (damped)
       end if
@@ -298,16 +301,14 @@ contains
    subroutine check_damping(task, error)
       type(stepper_task), intent(in) :: task
       type(error_type), allocatable, intent(inout) :: error
-      type(scheme_type) :: executed
       character(:), allocatable :: why
       integer :: kind
 
       if (.not. task%damping%acts()) return
       kind = merge(one_rate, unequal_rates, task%damping%is_scalar())
       if (allocated(task%damping%friction)) kind = friction_matrix
-      executed = task%scheme
-      if (task%general) executed%nstage = max(2, executed%nstage)  ! an oracle has no decays by matrices
-      call damped_refusal(executed, kind, active_brackets(task%scheme%brackets, task%model%traits), &
+      if (.not. task%damping%is_constant()) kind = varying_rates
+      call damped_refusal(task%scheme, kind, active_brackets(task%scheme%brackets, task%model%traits), &
                           task%correction /= correction_none, why)
       if (allocated(why)) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &

@@ -16,6 +16,7 @@
 !> tests/python/test_memory.py runs models and schemes under a limit of memory and detects a bound that is too low; a
 !> bound that is too high refuses large systems unnecessarily.
 module symsde_step_memory
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type
@@ -26,6 +27,7 @@ module symsde_step_memory
    use symsde_step_explicit_tableau, only: explicit_fits
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_implicit_newton_krylov, only: pays_by_products
+   use symsde_step_open_damped, only: damped_fits
    use symsde_step_stages_stepper, only: fits_stages
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -74,6 +76,7 @@ contains
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
             memory%lane = memory%lane + 3*n**2  ! blocks of the Hessian, from which products are computed
          if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
+         if (.not. task%damping%is_constant()) memory%lane = memory%lane + 6*n  ! rates at three nodes, and two states
          if (scheme%form == splitting_form) then  ! it has no separate oracle
             if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + n*m  ! H_k,q
             if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + m*(m + 1)/2  ! D_kl
@@ -111,6 +114,7 @@ contains
       real(wp), intent(in) :: stages     !! stages of drift and noise together
       type(step_memory), intent(inout) :: memory
       real(wp) :: n, b, unknowns
+      type(damping_type) :: damping
       logical :: by_parts
 
       associate (t => task%model%traits, scheme => task%scheme, lane => memory%lane, once => memory%once)
@@ -118,7 +122,9 @@ contains
          b = t%bandwidth
          unknowns = 2*n*stages
          ! Whether the factory would choose a special stepper: stages, midpoint, or the stepper of a frame.
-         by_parts = fits_stages(task%model, scheme, task%newton, task%damping) .and. &
+         damping = task%damping
+         if (damped_fits(task)) damping = damping_type()  ! the closed system's step stands between decays
+         by_parts = fits_stages(task%model, scheme, task%newton, damping) .and. &
                     (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
          by_parts = .not. task%general .and. (by_parts .or. scheme%is_midpoint() .and. .not. brackets .or. &
                                               scheme%needs%additive .or. scheme%frame /= frame_none)

@@ -507,6 +507,71 @@ static void test_forces(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* gamma = (1 + t)/10, or 2 q^2 - 1 */
+static int in_time(int nlane, int ndof, int nrate, double t, const double *q, double *rate, void *user) {
+   (void)q, (void)ndof, (void)nrate;
+   for (int lane = 0; lane < nlane; lane++)
+      rate[lane] = 0.1 * (1 + t);
+   return *(int *)user;
+}
+
+static int in_position(int nlane, int ndof, int nrate, double t, const double *q, double *rate, void *user) {
+   (void)t, (void)nrate, (void)user;
+   for (int i = 0; i < ndof * nlane; i++)
+      rate[i] = 2 * q[i] * q[i] - 1;
+   return 0;
+}
+
+/* rates that are functions: p falls by exp(-int gamma dt), whatever the scheme, where H hardly moves it */
+static void test_damping_function(void) {
+   const char *keys[] = {"a", "sigma"};
+   const double values[] = {1e-14, 0}, one = 1, zero = 0;
+   int fine = 0, refuses = 7;
+   symsde_model model = NULL;
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &one);
+   const symsde_input origin = some_input(&zero, &one);
+   arrays a;
+   symsde_paths paths = paths_in(&a, 0);
+   const double h = options.step, t = h * (double)options.steps;
+
+   OK(symsde_model_get("kubo", 2, keys, values, &model, &error));
+   OK(symsde_scheme_get("gauss2", &scheme, &error));
+   OK(symsde_model_set_damping_function(model, in_time, 1, SYMSDE_ON_TIME, 0, &fine, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] / exp(-0.1 * t * (1 + options.t0) - 0.05 * t * t) - 1) < 1e-6);
+   OK(symsde_model_set_damping_function(model, in_position, 1, SYMSDE_ON_POSITION, 0, NULL, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] / exp(-t) - 1) < 1e-6);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "negative rate|allow gain",
+          symsde_simulate(model, scheme, &options, &origin, &paths, NULL, &error));
+   OK(symsde_model_set_damping_function(model, in_position, 1, SYMSDE_ON_POSITION, 1, NULL, &error));
+   OK(symsde_simulate(model, scheme, &options, &origin, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] / exp(t) - 1) < 1e-6);
+   OK(symsde_model_set_damping_function(model, in_time, 1, SYMSDE_ON_POSITION, 0, &fine, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "depends on position alone",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   OK(symsde_model_set_damping_function(model, in_position, 1, SYMSDE_ON_TIME, 0, NULL, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "depends on time alone",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nrate = 2",
+          symsde_model_set_damping_function(model, in_time, 2, SYMSDE_ON_TIME, 0, &fine, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "depends = 0",
+          symsde_model_set_damping_function(model, in_time, 1, 0, 0, &fine, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "depends = 4",
+          symsde_model_set_damping_function(model, in_time, 1, 4, 0, &fine, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model",
+          symsde_model_set_damping_function(NULL, in_time, 1, SYMSDE_ON_TIME, 0, &fine, &error));
+   OK(symsde_model_set_damping_function(model, in_time, 1, SYMSDE_ON_TIME, 0, &refuses, &error)); /* paths fail */
+   CHECK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error) != SYMSDE_OK);
+   OK(symsde_model_set_damping_function(model, NULL, 1, SYMSDE_ON_TIME, 0, NULL, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - 1) < 1e-6);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 int main(void) {
    test_joint_is_called();
    test_joint_fails();
@@ -517,5 +582,6 @@ int main(void) {
    test_friction();
    test_thermostat();
    test_forces();
+   test_damping_function();
    return close_report();
 }

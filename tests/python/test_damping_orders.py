@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))
 import damping_orders
 
 KNOWN = json.loads(damping_orders.TARGET.read_text(encoding="utf-8"))
-REFUSALS = 45  #: pairs of scheme and kind that are refused
+REFUSALS = 50  #: pairs of scheme and kind that are refused
 
 
 def test_all_pairs_are_on_the_page():
@@ -35,4 +35,6 @@ def test_every_pair_is_right_or_refused(scheme):
             else:
                 order = orders["additive" if noises == "additive" else "commutative"].value
                 assert found == pytest.approx(known, abs=0.02), (kind, noises)
+                if kind == "gamma_i(q, t)":  # a drift between two decays has order two
+                    order = min(order, 2)
                 assert found > order - 0.2, (kind, noises)

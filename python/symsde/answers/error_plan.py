@@ -340,6 +340,6 @@ def _better_open(model: Model, commutative: bool) -> str:
         return "gauss_dkdkd"
     if model.has_friction or model.ndof > SMALL:
         return "midpoint"
-    if commutative or model._forces or len(set(model.damping)) > 1 or commutator(model).commutative:
+    if commutative or model._forces or model._varying or len(set(model.damping)) > 1 or commutator(model).commutative:
         return "gauss2"
     return "midpoint_areas"

@@ -97,6 +97,11 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
 
 def _refuse(model: Model, scheme: Scheme) -> None:
     require_unforced(model, "growth of second moments is computed")
+    if model._varying:
+        raise IncompatibleError(
+            f"the rates of damping of model {model.name} are functions of position or time: growth in a step is known "
+            "for numbers, give model.damped(rate)"
+        )
     if not model.traits.quadratic:
         raise IncompatibleError(f"model {model.name} is not quadratic: only linear equations have such a matrix")
     if model.traits.additive or model.nnoise == 0:

@@ -57,7 +57,7 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     if (formula := getattr(model, "formula", None)) is not None:
         found["formulas"] = list(formula.hamiltonians)
     if model.damping:
-        found["damping"] = np.array(model.damping).tolist()
+        found["damping"] = _told(_of_short_steps(model, start)) if model._varying else np.array(model.damping).tolist()
     weights = np.zeros((model.nnoise + 1, _POINTS))
     weights[0] = 1.0
     found["H"] = _told(_of_model(model, weights, start))
@@ -66,7 +66,7 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
         weights[0] = 0.0
         found["noises"] = _told(_of_model(model, weights, start))
     if model._forces:
-        found["forces"] = _told(_of_forces(model, start))
+        found["forces"] = _told(_of_short_steps(model, start))
     if scheme is not None:
         found["scheme"] = _hash(json.dumps([_recipe(scheme), _plain(scheme.tableau())]).encode())
     if functions:
@@ -85,8 +85,8 @@ def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:
     return [_tried(f, q, p, weights, t) for q, p in _points(start) for t in start.times for f in kinds]
 
 
-def _of_forces(model: Model, start: Start) -> list[Any]:
-    """Changes of the state in one short step, to which the forces of a model add."""
+def _of_short_steps(model: Model, start: Start) -> list[Any]:
+    """Changes of the state in one short step, to which forces and rates of damping of a model add."""
     size = start.length / 64
     noise = np.sqrt(abs(size)) * (1.0 + 0.5 * _spread(model.nnoise, 0))
 

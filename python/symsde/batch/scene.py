@@ -187,6 +187,8 @@ def _known(file: str, what: str, given: dict, known: list[str]) -> None:
 def _model(file: str, table: dict[str, Any]) -> Model:
     own = "python" in table  # the function gets all other keys
     damping, bath = (None if own else table.pop(key, None) for key in ("damping", "thermostat"))
+    if "H" in table and formulas.holds_formulas(damping):  # which may hold parameters of the model
+        table, damping = {**table, "damping": damping}, None
     model = _own_model(file, table) if "H" in table or own else _built_in(file, table)
     try:
         if damping is not None:

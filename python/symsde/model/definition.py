@@ -21,11 +21,13 @@ from ..show import html
 from . import built_in
 from .forces import Forces, handle_with
 from .named import require_names
+from .rates import Rates, rates_of
+from .rates import handle_with as handle_with_rates
 
 #: traits that are true or false; each names a property of the Hamiltonians
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass", "diagonal_mass")
-#: one rate [1/time] for each degree of freedom, or rows of a matrix of friction [mass/time]
-Damping = tuple[float, ...] | tuple[tuple[float, ...], ...]
+#: one rate [1/time] for each degree of freedom, rows of a matrix of friction [mass/time], or functions
+Damping = tuple[float, ...] | tuple[tuple[float, ...], ...] | Rates
 #: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
 HAMILTONIANS: dict[str, Sequence[str]] = {}
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
@@ -125,7 +127,7 @@ class Model:
     which does so for any model.
 
     ``damping`` damps the momenta, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom; or
-    it is friction on velocities, by a matrix. See `damped`, which does so for any model.
+    it is friction on velocities, by a matrix, or a function of (q, t). See `damped`, which does so for any model.
     """
 
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Set by models of
@@ -292,10 +294,10 @@ class Model:
     @property
     def damping(self) -> Damping:
         """Rates gamma_i of the momenta [1/time], one for each degree of freedom, or rows of a matrix of friction on
-        velocities [mass/time]; () for a closed system."""
+        velocities [mass/time], or `Rates` that are functions; () for a closed system."""
         return self._damping
 
-    def damped(self, damping, *, allow_gain: bool = False) -> Self:
+    def damped(self, damping, *, allow_gain: bool = False, each: bool = False) -> Self:
         """The same model with damped momenta: dp_i = -H_q dt - gamma_i p_i dt - sum_k H_{k,q} o dW_k.
 
         It is the force F = -gamma p of the paper, [WHSB] (9)-(17). damping: one rate gamma [1/time] for all degrees of
@@ -306,29 +308,50 @@ class Model:
         Friction on velocities is a symmetric matrix Gamma (dof, dof) [mass/time], dp = .. - Gamma M^-1 p dt, for models
         with H = p.M^-1 p/2 + U and a constant M (`identity_mass` or `constant_mass`); rates g_i are diag(g_i m_i). Its
         eigenvalues must not be negative without allow_gain. It shrinks volume by exp(-h tr Gamma M^-1), and no dp ^ dq
-        as a whole; schemes of one stage take it (midpoint, the Euler pair), and kicks.
+        as a whole.
+
+        Rates that change are a function of (q, t), of (q) or of (t), by these names, with q of shape (dof, lane). It
+        returns (lane,), one rate for all momenta, or with each=True (dof, lane). Models from formulas take formulas,
+        "g0*(1 + q**2)" or a list with one for each momentum, and a compiled function has the signature symsde_damping
+        of symsde.h. A path fails where a rate is negative without allow_gain. A step shrinks dp ^ dq by
+        exp(-int gamma dt) where gamma depends on time alone, and otherwise volume by a factor that depends on the path.
 
         With one rate a step multiplies dp ^ dq by exp(-gamma h), to rounding, for every increment: it is conformally
         symplectic, and `diagnose.symplecticity` measures the distance from that factor. Runs take tableaux (midpoint,
-        gauss2, stormer_verlet ..) and free drifts with kicks (gauss_dkdkd, verlet_kdk, chin4a and their _strong2).
-        Other schemes, brackets of H, exact solutions and actions are refused (IncompatibleError).
+        gauss2, stormer_verlet ..; of several stages between two half decays where the damping is a matrix or a
+        function, with order two without noise) and free drifts with kicks (gauss_dkdkd, verlet_kdk, chin4a and their
+        _strong2). Other schemes, brackets of H, exact solutions and actions are refused (IncompatibleError).
         """
         closed = self._closed or self
         other = _copied(closed)
-        other._damp(closed, damping, checks.flag("allow_gain", allow_gain))
+        other._damp(closed, damping, checks.flag("allow_gain", allow_gain), each)
         return other if other.damping else closed
 
     @property
     def has_friction(self) -> bool:
         """Whether `damping` is a matrix of friction on velocities."""
-        return bool(self._damping) and isinstance(self._damping[0], tuple)
+        return isinstance(self._damping, tuple) and bool(self._damping) and isinstance(self._damping[0], tuple)
 
     def _damped_from(self, _rates: np.ndarray) -> Callable[[], ModelHandle]:
         """The function that makes the handles to be damped by these rates."""
         return self._handles.made
 
-    def _damp(self, closed: Model, damping, allow_gain: bool) -> None:
+    @property
+    def _varying(self) -> Rates | None:
+        """Rates that are functions, if there are any."""
+        return self._damping if isinstance(self._damping, Rates) else None
+
+    def _told_damping(self) -> Any:
+        """Damping in types of JSON."""
+        return self._varying.told() if self._varying else self._damping
+
+    def _damp(self, closed: Model, damping, allow_gain: bool, each: bool = False) -> None:
         """Turn this model into the damped form of a closed model."""
+        if (varying := rates_of(damping, each, allow_gain, self.ndof)) is not None:
+            self._handles = handles.Pool(functools.partial(handle_with_rates, closed._handles.made, varying, self.ndof))
+            self._damping, self._closed = varying, closed
+            self.in_python = self.in_python or varying.in_python
+            return
         rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change it
         if rates.shape not in ((1,), (self.ndof,), (self.ndof, self.ndof)):
             raise WrongShapeError(
@@ -389,9 +412,9 @@ class Model:
         return other.damped(self._asked, allow_gain=True) if self.damping else other
 
     @property
-    def _asked(self) -> np.ndarray:
-        """Rates of damping that were asked for."""
-        return np.array(self.damping or (0.0,))
+    def _asked(self) -> np.ndarray | Rates:
+        """What was asked for as damping."""
+        return self._varying or np.array(self.damping or (0.0,))
 
     def _force(self, free: Model, forces: Forces) -> None:
         """Be the form of a model on which forces act."""
@@ -403,6 +426,8 @@ class Model:
     def __reduce__(self) -> tuple:
         """Pickle as the arguments: another process makes the model again, if it finds the functions by name."""
         if self._closed is not None:
+            if self._varying:
+                require_names(self.name, [self._varying.function])
             return _damped_again, (self._closed, self._damping, self._fluctuating)
         if self._unforced is not None and self._remade is self._unforced._remade:  # not those of formulas
             require_names(self.name, self._forces.functions().values())
@@ -468,7 +493,10 @@ class Model:
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
         if self.has_friction:
             what += f", friction ({self.ndof}, {self.ndof})"
-        for key, numbers in (("damping", () if self.has_friction else self.damping), ("bath at beta", self._bath)):
+        if self._varying:
+            what += f", damping={', '.join(self._varying.told())}"
+        rates = () if self.has_friction or self._varying else self.damping
+        for key, numbers in (("damping", rates), ("bath at beta", self._bath)):
             if numbers:
                 what += f", {key}=" + (f"{numbers[0]:g}" if len(set(numbers)) == 1 else str(list(numbers)))
         return f"{self.name}({what}{', forced' if self._forces else ''})"

@@ -64,6 +64,11 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
             f"forces act on model {model.name}, and the friction of a bath is found from noises of Hamiltonians: give "
             "the model without forces, or gamma, too"
         )
+    if model._varying:
+        raise IncompatibleError(
+            f"the rates of damping of model {model.name} are functions, and a bath is checked against numbers: give "
+            "the model without damping to get the friction that belongs to its noises"
+        )
     if model.paths:
         raise IncompatibleError(
             f"parameters of model {model.name} differ from path to path, and the friction of a bath is found for one "

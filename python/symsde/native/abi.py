@@ -221,6 +221,7 @@ CALLBACKS = {
     "third_derivative": CFUNCTYPE(*_block, *(c_void_p,) * 7),
     "force": CFUNCTYPE(*_block, c_void_p, c_void_p),
     "force_derivative": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p),
+    "damping": CFUNCTYPE(c_int, c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p),
     "flow": CFUNCTYPE(c_int, *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 8),
 }
 CALLBACKS["chain_rows"] = CFUNCTYPE(
@@ -322,6 +323,7 @@ FUNCTIONS = {
     "model_set_parameters": (_handle, c_int, c_int64, c_void_p, _error),
     "model_with_user": (_handle, c_void_p, c_void_p, _handle_out, _error),
     "model_set_damping": (_handle, c_int, POINTER(c_double), c_int, _error),
+    "model_set_damping_function": (_handle, CALLBACKS["damping"], c_int, c_int, c_int, c_void_p, _error),
     "model_set_friction": (_handle, POINTER(c_double), c_int, _error),
     "model_thermostat": (_handle, c_int, POINTER(c_double), c_int, POINTER(c_double), _error),
     "model_set_force": (_handle, CALLBACKS["force"], CALLBACKS["force_derivative"], c_int, c_void_p, _error),

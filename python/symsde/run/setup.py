@@ -150,7 +150,7 @@ class Setup:
         return {
             "model": self.model.name,
             "parameters": json.dumps({key: np.asarray(x).tolist() for key, x in self.model.parameters.items()}),
-            **({"damping": json.dumps(self.model.damping)} if self.model.damping else {}),
+            **({"damping": json.dumps(self.model._told_damping())} if self.model.damping else {}),
             **({"forces": json.dumps(self.model._forces.told())} if self.model._forces else {}),
             **({"bath": json.dumps(self.model._bath)} if self.model._bath else {}),
             **({"names": json.dumps(self.model._coordinates)} if self.model._coordinates else {}),

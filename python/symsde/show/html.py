@@ -70,6 +70,8 @@ def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str
         page += table(list(shown.parameters), [[told(value) for value in shown.parameters.values()]])
     if shown.has_friction:
         page += table(["friction Γ", *[""] * (shown.ndof - 1)], [[f"{x:g}" for x in row] for row in shown.damping])
+    elif shown._varying:
+        page += f"<br>damping γ = {html.escape(', '.join(shown._varying.told()))}"
     elif shown.damping:
         page += f"<br>damping γ = {', '.join(f'{rate:g}' for rate in dict.fromkeys(shown.damping))}"
     sizes = f"{counted(shown.ndof, 'degree of freedom')}, {counted(shown.nnoise, 'noise')}"

@@ -287,7 +287,7 @@ contains
    pure logical function has_any_lanes(model)
       class(model_type), intent(in) :: model
 
-      has_any_lanes = (is_built_in(model) .and. .not. associated(model%forces)) .or. model%traits%any_lanes
+      has_any_lanes = (is_built_in(model) .and. .not. model%calls_users()) .or. model%traits%any_lanes
    end function has_any_lanes
 
    !> Make the noise source of a run: prescribed increments if given, else Brownian motion. A scheme may need

@@ -31,7 +31,7 @@ contains
       integer(i8) :: number
       logical :: decided
 
-      if (allocated(error) .or. (is_built_in(model) .and. .not. associated(model%forces))) return
+      if (allocated(error) .or. (is_built_in(model) .and. .not. model%calls_users())) return
       number = probe_number('declared', model%traits, t, q0, p0, 0.0_wp)
       if (model%passed%knows(number)) return
       call probe_model(model, t, q0, p0, error, decided)

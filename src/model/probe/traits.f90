@@ -14,6 +14,7 @@ module symsde_model_probe_traits
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_model, kernels_of
    use symsde_model_parameters, only: check_traits
+   use symsde_model_probe_damping, only: probe_damping
    use symsde_model_probe_forces, only: probe_forces
    use symsde_model_probe_gradient, only: probe_gradient
    use symsde_model_probe_mass, only: compare_mass
@@ -63,6 +64,7 @@ contains
       call new_probe_points(points, model, t, q0, p0)
       call probe_gradient(points, error)
       call probe_forces(points, error)
+      call probe_damping(points, error)
       do k = 0, points%last_sum()
          call points%take_sum(k)
          call probe_traits(points, model%traits, k, error)

@@ -49,6 +49,8 @@ contains
             call refuse('scheme '//scheme%name//' adds brackets, whose Hessians hold fourth derivatives')
          else if (task%correction /= correction_none) then
             call refuse('scheme '//scheme%name//' adds a correction, whose Hessian holds third derivatives')
+         else if (.not. task%damping%is_constant()) then
+            call refuse('rates of damping of model '//task%model%name//' are functions')
          else if (allocated(task%damping%friction)) then
             call refuse('model '//task%model%name//' is damped by a matrix of friction')
          else if (2*t%ndof*scheme%nstage > most_unknowns .and. .not. kick_drift_fits(task)) then

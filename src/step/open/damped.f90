@@ -17,11 +17,11 @@ module symsde_step_open_damped
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, steps_record
    use symsde_scheme_decays, only: tableau_decays, new_decays
-   use symsde_scheme_scheme, only: tableau_form, frame_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, frame_none
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: damped_stepper, damped_fits
+   public :: damped_stepper, damped_fits, damped_node
 
    type, extends(stepper_type) :: damped_stepper
       class(stepper_type), allocatable :: inner  !! stepper of the closed system
@@ -36,12 +36,22 @@ module symsde_step_open_damped
 
 contains
 
-   !> Whether the step of the closed system can be used for a damped model: a tableau of one stage.
+   !> Whether the step of the closed system can be used for a damped model: a tableau of one stage, or any tableau where
+   !> decays are no numbers.
    pure logical function damped_fits(task)
       type(stepper_task), intent(in) :: task
 
-      damped_fits = task%scheme%form == tableau_form .and. task%scheme%frame == frame_none .and. task%scheme%nstage == 1
+      damped_fits = task%scheme%form == tableau_form .and. task%scheme%frame == frame_none .and. &
+                    (task%scheme%nstage == 1 .or. .not. allocated(task%damping%rate))
    end function damped_fits
+
+   !> The part of the decay before the inner step: the node of a scheme of one stage, and half of it for several.
+   pure real(wp) function damped_node(scheme) result(c)
+      type(scheme_type), intent(in) :: scheme
+
+      c = 0.5_wp
+      if (scheme%nstage == 1) c = scheme%c(1)
+   end function damped_node
 
    !> Copy the name and the properties of the inner stepper, which has been made.
    subroutine make(self, task)

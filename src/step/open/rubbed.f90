@@ -1,9 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The step of a scheme with one stage for a model with a matrix of friction: a stepper that contains another stepper,
-!> like step/open/damped, but with matrices as decays (step/open/friction), A = Gamma M^-1:
+!> The step of a tableau for a model with a matrix of friction: a stepper that contains another stepper, like
+!> step/open/damped, but with matrices as decays (step/open/friction), A = Gamma M^-1:
 !>
 !>    p* = exp(-c h A) p_n,   (q_{n+1}, p**) = step of the closed system from (q_n, p*)
 !>    p_{n+1} = exp(-(1 - c) h A) p**
+!>
+!> with the node c of a scheme of one stage, and c = 1/2 for several stages: then without noise the order is two at
+!> most, and the strong order 1 stays.
 !>
 !> In increments, with p** = p* + dp* and E(t) = exp(-t A) - 1:
 !>
@@ -12,7 +15,7 @@ module symsde_step_open_rubbed
    use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_step_open_damped, only: damped_stepper
+   use symsde_step_open_damped, only: damped_stepper, damped_node
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -26,7 +29,7 @@ module symsde_step_open_rubbed
    type, extends(damped_stepper) :: rubbed_stepper
       private
       type(friction_flow) :: friction
-      real(wp) :: node = 0                       !! node c
+      real(wp) :: node = 0                       !! part c of the step before the inner one
       real(wp), allocatable :: start(:, :), moved(:, :)  !! p*, dp* (nlane, ndof)
    contains
       procedure :: make
@@ -44,7 +47,7 @@ contains
       closed = task
       closed%damping = damping_type()
       call self%damped_stepper%make(closed)
-      self%node = task%scheme%c(1)
+      self%node = damped_node(task%scheme)
       call new_friction_flow(self%friction, task%damping, int(whole))
       allocate (self%start(self%ham%nlane, self%ham%ndof), self%moved(self%ham%nlane, self%ham%ndof))
    end subroutine make

@@ -6,7 +6,7 @@
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
 !>
 !> In a damped model the free flow decays, by the rate gamma_i of every degree of freedom (or by a matrix of friction,
-!> see step/open/friction), and so does a rotation:
+!> see step/open/friction; or by functions of position and time, see step/open/varying), and so does a rotation:
 !>
 !>    q <- q + phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
 !>    q <- q + (g - 1) q + s p,   p <- p + (g - 1 - gamma s) p - omega^2 s q
@@ -38,6 +38,7 @@ module symsde_step_splitting_drift
    use symsde_noise_decay_law, only: decay_integral
    use symsde_step_open_coupled_rotation, only: coupled_rotation, new_coupled_rotation
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
+   use symsde_step_open_varying, only: varying_decay, new_varying_decay
    implicit none
    private
    public :: drift_flow, new_drift_flow
@@ -48,6 +49,7 @@ module symsde_step_splitting_drift
       logical, public :: decays = .false.
       type(friction_flow), allocatable, public :: friction  !! flow with a matrix of friction
       type(coupled_rotation), allocatable :: coupled        !! rotation with a matrix of friction
+      type(varying_decay), allocatable, public :: varying   !! decays by rates that are functions
       logical, public :: decays_at_kicks = .false.
       real(wp), allocatable :: part(:)             !! of a word: part of the decay before each kick (nkick)
       logical, public :: one_rate = .false.        !! all degrees of freedom decay alike
@@ -69,9 +71,9 @@ contains
 
    !> Drifts of nleg different durations in a step; rotations where omega is given, decays where momenta are damped, at
    !> kicks where parts of them are given.
-   pure subroutine new_drift_flow(self, nleg, omega, damping, part)
+   subroutine new_drift_flow(self, nleg, nlane, ndof, omega, damping, part)
       type(drift_flow), intent(out) :: self
-      integer, intent(in) :: nleg
+      integer, intent(in) :: nleg, nlane, ndof
       real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
       type(damping_type), intent(in), optional :: damping
       real(wp), allocatable, intent(in), optional :: part(:)   !! not allocated: not at kicks (nleg - 1)
@@ -81,6 +83,9 @@ contains
          if (allocated(damping%friction)) then
             allocate (self%friction)
             call new_friction_flow(self%friction, damping, nleg)
+         else if (.not. damping%is_constant()) then
+            allocate (self%varying)
+            call new_varying_decay(self%varying, damping, nlane, ndof)
          else
             self%rate = damping%rate
             self%one_rate = damping%is_scalar()

@@ -22,8 +22,10 @@ from ...errors import (
 )
 from ...native import callbacks, checks
 from ..definition import Model, ModelHandle
+from ..rates import Rates, rates_of
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
 from . import forces as _forces
+from . import rates as _rates
 from .derivatives import Derivatives
 from .named_formulas import make_problem, named, quoted, several, unused
 from .parse import folded
@@ -55,6 +57,7 @@ class FormulaModel(Model):
     _direct: tuple | None  #: compiled gradient and value, their user pointer, and weights 1 of all Hamiltonians
     _code: Code  #: what this model shares with those of other values
     _friction: tuple[float, ...] = ()  #: rates of a force that is proved to be linear friction, part of damping
+    _by_formula: _rates.Asked | None = None  #: formulas of damping, if there are any
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library as for every model; errors about the model name its formulas."""
@@ -112,7 +115,7 @@ class FormulaModel(Model):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
         chosen = {key: parameters.value_of(key, value) for key, value in chosen.items()}
         values = {**self._parameters, **chosen}
-        rates = self._asked if self.damping and self._asked.any() else None
+        rates = self._by_formula or self._varying or (self._asked if self.damping and self._asked.any() else None)
         self._require_own_friction()
         if self._code.pulls.acts:  # what is proved of forces hangs on values
             _, (given,) = self._remade
@@ -130,14 +133,21 @@ class FormulaModel(Model):
         if not self.paths:
             return self
         values = {key: x[where] if np.size(x) > 1 else x for key, x in self._parameters.items()}
-        return self._forced_too(_of_values(self._code, values, self.damping or None))
+        return self._forced_too(_of_values(self._code, values, self._by_formula or self.damping or None))
 
-    def damped(self, damping, *, allow_gain: bool = False) -> FormulaModel:
+    def damped(self, damping, *, allow_gain: bool = False, each: bool = False) -> FormulaModel:
         """As of every model; beside friction that its formulas hold."""
-        if self._friction and np.ndim(damping) == 2:  # a matrix of velocities: the force stays one
-            make, (given,) = self._remade
-            return make({**given, "damping": damping})
-        other = super().damped(damping, allow_gain=allow_gain)
+        if not isinstance(damping, _rates.Asked):
+            damping = _rates.asked(damping, allow_gain=checks.flag("allow_gain", allow_gain))
+        make, (given,) = (self if self._friction else self._closed or self)._remade
+        if isinstance(damping, _rates.Asked):
+            return self._forced_too(make({**given, "damping": damping}))
+        if self._friction:
+            varying = rates_of(damping, each, allow_gain, self.ndof)
+            if varying or np.ndim(damping) == 2:  # the force stays one
+                make, (given,) = self._remade
+                return make({**given, "damping": varying or damping})
+        other = super().damped(damping, allow_gain=allow_gain, each=each)
         return other._with_friction(self._friction, self._remade) if self._friction else other
 
     def _damped_from(self, rates: np.ndarray) -> Callable[[], ModelHandle]:
@@ -157,14 +167,18 @@ class FormulaModel(Model):
 
     def __reduce__(self) -> tuple:
         """For pickle."""
+        if self._by_formula:
+            return _damped_by, (self._closed, self._by_formula)
         if not self._friction:
             return super().__reduce__()
         make, (given,) = self._remade
         return make, ({**given, "damping": self._asked if self._asked.any() else None},)
 
     @property
-    def _asked(self) -> np.ndarray:
-        """Rates of damping that were asked for, beside friction in formulas."""
+    def _asked(self) -> np.ndarray | Rates | _rates.Asked:
+        """The damping that was asked for, beside friction in formulas."""
+        if self._by_formula or self._varying:
+            return self._by_formula or self._varying
         return np.subtract(self.damping or 0.0, self._friction or 0.0)
 
     def _parameter(self, name: str) -> str:
@@ -212,8 +226,8 @@ def model_from_sympy(
     - ends: of sums over neighbours. "free" leaves out what would reach beyond an end, "fixed" takes q and p beyond both
       ends as zero, so that the bond before the first site counts as the one behind the last, and "periodic" closes the
       ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3
-    - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom, or a
-      symmetric matrix of friction on velocities; see `Model.damped`
+    - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom, or
+      formulas gamma(q, t) such as "g0*(1 + q**2)", or a symmetric matrix of friction on velocities; see `Model.damped`
     - force: F(q, p, t), one formula for each degree of freedom, which act as dp = .. + F dt; noise_force: for each
       noise a list f_k(q, p, t) of as many, dp = .. + f_k o dW_k. See `Model.forced`. An F that is proved to be
       -gamma_i p_i with constants becomes damping
@@ -223,6 +237,7 @@ def model_from_sympy(
     Values of parameters are passed to it when it runs. ``model.formula`` describes all of this. An InvalidArgumentError
     quotes the formula that is wrong. All quantities are dimensionless.
     """
+    damping = _rates.asked(damping)
     given = {
         "H": H,
         "noise": noise,
@@ -240,6 +255,7 @@ def model_from_sympy(
     }
     model = _made(given)
     acting = [x for row in _forces.rows_of(force, noise_force) for x in row]
+    acting += damping.formulas if isinstance(damping, _rates.Asked) else ()
     _warn_of_unused(params, [H, *several("noise", noise), *several("invariants", invariants), *acting])
     return model
 
@@ -274,6 +290,7 @@ class Code:
     compiled: compiler.Compiled | None
     kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
     pulls: _forces.Found  #: forces beside the Hamiltonians
+    rates: _rates.Found | None = None  #: rates of damping that are formulas
     root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
     decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
     direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
@@ -292,9 +309,27 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     if not code.pulls.acts:
         return _of_values(code, code.parameters, given["damping"])
     model = _of_values(code, code.parameters, None)
-    made = {**code.given, "params": code.parameters}
+    made = {**code.given, "params": code.parameters, "damping": None}
     model._remade = (_made, ({**made, "force": None, "noise_force": None},))
-    return _acted_upon(model, code.pulls, _pulled(code), given["damping"], (_made, (made,)))
+    model = _acted_upon(model, code.pulls, _pulled(code), None, (_made, (made,)))
+    return _damped(model, code, given["damping"]) if given["damping"] is not None else model
+
+
+def _damped(model: FormulaModel, code: Code, damping: Any) -> FormulaModel:
+    """The model with damping: numbers, functions, or the formulas of its code."""
+    if not isinstance(damping, _rates.Asked):
+        return model.damped(damping, allow_gain=True)
+    found = code.rates.at(model._parameters, code.compiled)
+    if isinstance(found, list) and not any(found):
+        return model
+    damped = Model.damped(model, found, allow_gain=damping.allow_gain)
+    damped._by_formula = damping
+    return damped
+
+
+def _damped_by(closed: FormulaModel, formulas: _rates.Asked) -> FormulaModel:
+    """Make a model with formulas of damping again from its pickle."""
+    return closed.damped(formulas)
 
 
 def _pulled(code: Code) -> dict[str, Any]:
@@ -325,22 +360,37 @@ def _derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     start = time.perf_counter()
     rows = [given["force"] or [], *(given["noise_force"] or [])]
     chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
-    chain, own, pulls = None, (), _forces.Found()
+    chain, own, pulls, rates = None, (), _forces.Found(), None
+    formulas = given["damping"] if isinstance(given["damping"], _rates.Asked) else None
     if given["n"] is None:
         chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
-        problem, acting = _forces.split(make_problem(**chosen), rows)
+        if formulas:
+            chosen["invariants"] += formulas.formulas
+        problem = make_problem(**chosen)
+        problem, decaying = _rates.split(problem, formulas) if formulas else (problem, [])
+        problem, acting = _forces.split(problem, rows)
         prover = Prover(problem)
         if acting:
             parameters.require_numbers(problem.parameters, "of models with forces")
-            pulls = _forces.derive(problem, prover, acting, rates=np.ndim(given["damping"]) < 2)
+            numbers = given["damping"] is None or not (formulas or isinstance(given["damping"], Rates))
+            pulls = _forces.derive(problem, prover, acting, rates=numbers and np.ndim(given["damping"]) < 2)
+        if formulas:
+            parameters.require_numbers(problem.parameters, "of models with formulas of damping")
+            rates = _rates.derive(problem, prover, formulas, decaying)
         structure = prover.structure()
         nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
         own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem, prover.vanishing())
         source = emit_c.source(derivatives) + emit_flow.source(derivatives) + _forces.source(pulls)
+        source += _rates.source(rates)
     else:
         _forces.refuse_sites(given["force"], given["noise_force"])
+        if formulas:
+            raise InvalidArgumentError(
+                f"damping = {checks.shown(formulas.formulas[0])}: models of n sites take no formulas of damping; give "
+                "numbers, or a function of (q, t)"
+            )
         chain = _chain(**chosen, n=given["n"], ends=given["ends"])
         structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
@@ -357,11 +407,11 @@ def _derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         file=str(compiled.path) if compiled else "",
     )
     sites = chain and chain.n  # numbers, where arrays may have been given
-    given = {**given, "n": sites, "damping": None}
+    given = {**given, "n": sites, "damping": formulas}
     kind = parameters.kind_of(values)
     told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
     kinds[kind] = Code(
-        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, compiled, kinds, pulls
+        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, compiled, kinds, pulls, rates
     )
     return kinds[kind]
 
@@ -385,8 +435,8 @@ def _of_values(code: Code, values: dict[str, Any], damping: Any) -> FormulaModel
             root.formula = replace(root.formula, seconds_derivatives=0.0, seconds_compilation=0.0)
             code.root = root
     model._parameters = values
-    model._remade = (_made, ({**code.given, "params": values},))
-    return model if damping is None else model.damped(damping, allow_gain=True)
+    model._remade = (_made, ({**code.given, "params": values, "damping": None},))
+    return model if damping is None else _damped(model, code, damping)
 
 
 def _decaying(code: Code) -> FormulaModel | None:

@@ -8,7 +8,8 @@ noise = ["sigma*sin(q)"]
 omega = 2.0
 sigma = 0.2
 
-Beside H there may be force, F_1 .. F_n, and noise_force, a list of as many for each noise.
+Beside H there may be force, F_1 .. F_n, and noise_force, a list of as many for each noise, and damping, rates of the
+momenta.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from typing import Any
 from ...errors import InvalidArgumentError, UnknownNameError
 from ...native import checks
 from ..definition import Model
+from . import rates
 from .formula_model import model_from_sympy
 
-KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name", "force", "noise_force"]
+KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name", "force", "noise_force", "damping"]
 _LISTS = ("noise", "q", "p", "invariants", "force", "noise_force")
 
 TEMPLATE = """\
@@ -51,6 +53,11 @@ paths = [0]           # run.nc: these paths
 """
 
 
+def holds_formulas(damping: object) -> bool:
+    """Whether damping of a scene is given as formulas."""
+    return isinstance(rates.asked(damping), rates.Asked)
+
+
 def from_table(table: dict[str, Any]) -> Model:
     """The model of a table [model] that holds H."""
     for key, value in table.items():
@@ -63,6 +70,6 @@ def from_table(table: dict[str, Any]) -> Model:
         texts = value if isinstance(value, list) else [value]
         if key == "noise_force":  # a list for each noise
             texts = [x for row in texts for x in (row if isinstance(row, list) else [row])]
-        if key not in ("params", "n") and not all(isinstance(x, str) for x in texts):
+        if key not in ("params", "n", "damping") and not all(isinstance(x, str) for x in texts):
             raise InvalidArgumentError(f"{key} = {checks.shown(value)}: write formulas and names as text, in quotes")
     return model_from_sympy(**table)
