@@ -325,7 +325,7 @@ class model {
 
 class scheme {
  public:
-   /// of the catalogue
+   /// a scheme of the catalogue
    explicit scheme(const std::string &name) {
       make([&](symsde_scheme *handle, symsde_error *failure) {
          return symsde_scheme_get(name.c_str(), handle, failure);

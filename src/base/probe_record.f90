@@ -187,7 +187,7 @@ contains
          high = modulo(high*69621_i8 + x, prime)
       end subroutine take
 
-      !> The same for a flag.
+      !> The same function for a flag instead of a number.
       subroutine take_flag(flag)
          logical, intent(in) :: flag
 

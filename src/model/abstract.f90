@@ -274,7 +274,7 @@ contains
    !> Refuse a model on which forces act.
    subroutine refuse_forces(self, place, what, error)
       class(model_type), intent(in) :: self
-      character(*), intent(in) :: place, what   !! as in refuse_open
+      character(*), intent(in) :: place, what   !! see refuse_open
       type(error_type), allocatable, intent(inout) :: error
 
       if (associated(self%forces) .and. .not. allocated(error)) &

@@ -24,7 +24,7 @@ contains
    !> pair + 1. The caller scales them.
    subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd, ahead)
       integer, intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
+      integer(i8), intent(in) :: seed, path(nlane), pair  !! see normal_pairs
       integer, intent(in) :: noise
       integer, intent(in) :: law                          !! law_three_point or law_two_point
       real(wp), intent(out) :: even(nlane), odd(nlane)

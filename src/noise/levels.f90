@@ -169,7 +169,7 @@ contains
          coarse = coarse/2
       end do
       dw = x(:, low - base:high - base)
-      drawn = drawn + nstep  ! one per step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels steps
+      drawn = drawn + nstep  ! a draw per step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels steps
    end subroutine halve_coarser
 
    !> n rounded up to a multiple of four, the intervals of a draw.

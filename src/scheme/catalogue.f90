@@ -283,7 +283,7 @@ contains
       case ('Otr')
          rule = 'open_trapezoid'
          known = r == 2 .and. u == 2
-      case default  ! there is no such rule
+      case default  ! there is no rule of this name
       end select
       ! r < s would leave control points undetermined.
       known = known .and. min(s, r, u) > 0 .and. s <= r

@@ -8,7 +8,8 @@
 !>
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 !>
-!> Its variations with respect to P_i and to the inner control points q^mu of q_d are the equations of the step:
+!> The variations of this Lagrangian with respect to P_i and to the inner control points q^mu of q_d are the equations
+!> of the step:
 !>
 !>    q_d'(c_i) = h H_p + sum_k (beta_i/alpha_i) dW_k H_k,p   at (P_i, q_d(c_i))
 !>    sum_i [alpha_i l_mu'(c_i) P_i - l_mu(c_i) (alpha_i h H_q + sum_k beta_i dW_k H_k,q)] = 0,   0 < mu < s

@@ -23,7 +23,7 @@ contains
 
    !> The plain scheme under an expanded name: gauss2 or midpoint.
    pure function base_of(name) result(base)
-      character(*), intent(in) :: name   !! one of the six names
+      character(*), intent(in) :: name   !! one of the six names of expanded schemes
       character(len=index(name, '_') - 1) :: base
 
       base = name
@@ -38,7 +38,7 @@ contains
    !> A function that commutes with every H_j commutes with their brackets, too: quadratic invariants are kept.
    pure subroutine expand_scheme(scheme, name)
       type(scheme_type), intent(inout) :: scheme
-      character(*), intent(in) :: name   !! one of the six
+      character(*), intent(in) :: name   !! one of the six names
 
       select case (name)
       case ('gauss2_strong32')

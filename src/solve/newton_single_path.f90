@@ -73,7 +73,7 @@ contains
       real(wp), intent(out) :: step, size
       integer :: i
 
-      ! Both grow from zero: correction and unknowns are finite here.
+      ! The largest correction and the largest unknown grow from zero, since both are finite here.
       step = 0
       size = 0
       !GCC$ novector  ! few numbers

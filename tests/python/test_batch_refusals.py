@@ -236,7 +236,7 @@ def test_a_damaged_part_is_named_and_counts_as_missing(damage, place, capsys):
     shown = capsys.readouterr().err
     assert "moments-000003.npz is damaged: its checksum is not that of its" in shown and "it is left out" in shown
     assert "1 of 10 shards are in none of the folders: moments-000003: `symsde run" in shown
-    assert path.exists()  # another writer's file
+    assert path.exists()  # the file of another writer
 
 
 def test_a_damaged_part_that_another_folder_has_is_taken_from_there(place, capsys):
@@ -324,7 +324,7 @@ def test_a_part_without_work_still_looks_whose_folder_it_is(place, capsys):
 
 def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):
     """No incomplete table is written; the same command then makes it."""
-    scene = place / "long.toml"  # so that no thread finishes before the calling thread begins
+    scene = place / "long.toml"  # a long run: no thread finishes before the calling thread begins
     scene.write_text(SCENE.replace("steps = 10\n", "steps = 20000\n").replace("save_every = 5", "save_every = 10000"))
     given = ["run", str(scene), "--out", str(place / "checked"), "--quiet", "--error-check"]
     real = error_check.simulate

@@ -76,7 +76,7 @@ def test_measured_orders_reach_their_values():
                 assert order.value > 0, (name, kind)
                 assert order.measured.order > order.value - 0.1, (name, kind)
                 assert order.measured.half_width < max(0.1, order.value / 15), (name, kind)
-                assert order.measured.floor < 0.25, (name, kind)  # otherwise this order would not have been accepted
+                assert order.measured.floor < 0.25, (name, kind)  # this bound is necessary for the order to be accepted
     for name in ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2"):
         assert all(order.measured for order in ss.schemes.get(name).info.orders.values())
 

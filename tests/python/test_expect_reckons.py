@@ -91,7 +91,7 @@ def test_work_that_takes_longer_than_told_says_so(monkeypatch):
     ):
         clock.tell(0.3)
     now.seconds += 100.0
-    clock.tell(0.4)  # one warning
+    clock.tell(0.4)  # the only warning
     clock = Watch(None, progress=False)
     clock.announce("plan", 2.0)
     now.seconds += 4.0

@@ -91,7 +91,7 @@ def test_passages_of_formulas(found):
     assert loss.bridged is None
     first = np.argmax(outside, axis=0)[loss.path]
     np.testing.assert_array_equal(loss.step, first)
-    assert (loss.step % 20 != 0).sum() > 50  # not at saved times
+    assert (loss.step % 20 != 0).sum() > 50  # steps other than saved ones
 
 
 def test_bridges_that_are_missing_are_told(found, tmp_path, capsys):

@@ -91,7 +91,7 @@ def test_bits_of_paths_alone(kind):
         try:
             run = of_all(kind, scheme=scheme)
         except ss.errors.SymsdeError as refusal:
-            with pytest.raises(type(refusal)):  # as with numbers
+            with pytest.raises(type(refusal)):  # numbers are refused likewise
                 alone(kind, 0, as_array=False, scheme=scheme)
             continue
         assert not run.status.any()

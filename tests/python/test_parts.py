@@ -121,7 +121,7 @@ def test_parts_of_another_machine(tmp_path):
             (tmp_path / name).mkdir()
             if name != ".part-elsewhere-bare":
                 (tmp_path / name / "lock").touch()
-        link = tmp_path / f"{parts._OWN}link"  # as if made by this machine: a link to a folder with a free lock
+        link = tmp_path / f"{parts._OWN}link"  # a link as this machine makes them, to a folder with a free lock
         link.symlink_to(tmp_path / ".other")
         for folder in (held, *(tmp_path / f".part-elsewhere-{x}" for x in ("old", "bare"))):
             then = folder.stat().st_mtime - 90000

@@ -16,7 +16,7 @@ def polygon(parts):
     number = FINE // parts
     w = rows.reshape(STEPS * parts, number, 2, PATHS)
     ends = np.arange(number + 1) / number
-    area = ends**3 / 3 - ends**2 / 2 + ends / 6  # of s^2 - s + 1/6
+    area = ends**3 / 3 - ends**2 / 2 + ends / 6  # integral of s^2 - s + 1/6
     dz = np.einsum("j,ijnp->inp", 1 - (ends[1:] + ends[:-1]) / 2, w) * STEP / parts
     k = np.einsum("j,ijnp->inp", np.diff(area) * number / 2, w)
     return rows, w.sum(axis=1), dz, k

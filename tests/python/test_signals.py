@@ -32,7 +32,7 @@ CALLS = {
     "moments": (lambda model, run: lambda: ss.moments(model, **run), ss.Moments),
     "prepared": (lambda model, run: prepared(model, **run), ss.Run),
 }
-#: the same for calls that choose themselves how long they run
+#: name of a call -> the call for a model, and its type of result; such calls choose themselves how long they run
 WORKS = {
     "expect": (lambda model: lambda: ss.expect(model, "q**2", abs=1e-4, scheme="midpoint", **HORIZON), Answer),
     "mlmc": (lambda model: lambda: ss.mlmc(model, "q**2", abs=1e-4, **HORIZON), Multilevel),

@@ -349,7 +349,7 @@ def with_threads(value, more=""):
 
 
 def test_threads_by_the_environment():
-    assert with_threads("3") == 3 and with_threads(" 4 ") == 4 and with_threads("1024") == 8  # one thread a block
+    assert with_threads("3") == 3 and with_threads(" 4 ") == 4 and with_threads("1024") == 8  # a thread per block
     assert with_threads("3", ", threads=2") == 2  # the option wins
     assert with_threads("") == 2  # OpenMP's number
 

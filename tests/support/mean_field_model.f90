@@ -27,7 +27,7 @@ module mean_field_model
       procedure :: hessian_vector
    end type mean_field_type
 
-   !> The same model with its gradient alone.
+   !> The mean-field model with its gradient alone.
    type, extends(model_type) :: bare_type
       type(mean_field_type) :: whole
    contains

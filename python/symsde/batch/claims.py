@@ -12,7 +12,7 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system
+except ImportError:  # the system is not a POSIX system
     fcntl = None
 
 

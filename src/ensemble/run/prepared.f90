@@ -127,7 +127,7 @@ contains
       real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! new state (npath or 1, ndof)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof), else 0
-      integer(i8), intent(in), optional :: first_step, seed, first_path  !! as in run_options
+      integer(i8), intent(in), optional :: first_step, seed, first_path  !! see run_options
       type(run_options) :: wanted
       real(wp), pointer :: q_low(:, :), p_low(:, :)  !! the arguments, or null: an absent array is not passed on
 

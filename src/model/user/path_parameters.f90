@@ -47,7 +47,7 @@ module symsde_model_user_path_parameters
    type :: path_parameters
       logical :: act = .false.  !! whether there is a table; otherwise calls need neither enter nor leave
       type(common_table), pointer, private :: common => null()
-      type(lane_room), pointer, private :: rooms(:) => null()  !! of a view: a room for each open list of paths
+      type(lane_room), pointer, private :: rooms(:) => null()  !! rooms of a view: a room for each open list of paths
    contains
       procedure :: set
       procedure :: nrow

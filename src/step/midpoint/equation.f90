@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The equation of the midpoint rule with eliminated momenta, and the interface of the parts that solve it.
 !>
-!> Both unknowns of step/midpoint/eliminated, V = dp and dq, obey
+!> The two unknowns of step/midpoint/eliminated, V = dp and dq, obey
 !>
 !>    x + f(base + c x) = 0,   d f/d x = (h/4) Hhat_qq
 !>

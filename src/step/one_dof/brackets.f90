@@ -318,7 +318,7 @@ contains
       integer :: i, lane
 
       ! With one lane d(1, 1:n) and total(1, 1:n) are contiguous.
-      if (nlane == 1) then  ! one loop instead of n
+      if (nlane == 1) then  ! one loop instead of n loops
          call add_times(n, w(1), d, total)
          return
       end if

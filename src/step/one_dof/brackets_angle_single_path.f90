@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The brackets of step/one_dof/brackets_kinetic of an angle and a single path: brackets_kinetic.inc with one lane.
 !>
-!> It computes the gradient and Hessian of
+!> This module computes the gradient and Hessian of
 !>
 !>    h H + sum_k [dW_k H_k + c_k {H_k,H} + (h|h|/12) {{H,H_k},H_k}],   c_k = h dW_k/2 - dZ_k,
 !>

@@ -81,7 +81,7 @@ class Execution:
                 f"the processor: {what}",
                 BudgetWarning,
             )
-        if self._is_even and self.plan.seconds > left and store is None:  # so that enough scramblings fit into the time
+        if self._is_even and self.plan.seconds > left and store is None:  # leave time for enough scramblings
             halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
             shorter = [max(points - halvings, min(points, _LEAST_POINTS)) for points in self.plan.points]
             self.plan = dataclasses.replace(self.plan, points=shorter)

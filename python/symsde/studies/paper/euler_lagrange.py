@@ -23,7 +23,7 @@ STEP, STEPS, PATHS, SEED = 0.02, 500, 4, 47
 A, SIGMA = 1.0, 0.5
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 NOISE1, NOISE2 = 1.0, 1.0  # sigma and gamma of (84)-(85)
-LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # of single steps from given states with coordinates up to three
+LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # values for single steps from given states with coordinates up to three
 EPSILONS = 10.0 ** -np.arange(1, 11)
 
 
@@ -146,7 +146,7 @@ def printed_equations(experiment, case):
     rng = np.random.default_rng(SEED)
     start, other = rng.uniform(-3, 3, (2, 2, POINTS))
     dw = rng.uniform(-1, 1, (case.model.nnoise, POINTS))
-    dw[0, 0] = -A * LONG_STEP / SIGMA  # here a h + sigma dW = 0, by which the paper divides
+    dw[0, 0] = -A * LONG_STEP / SIGMA  # here the divisor of the paper, a h + sigma dW, is 0
     end = np.concatenate(ss.step(case.model, case.scheme, *start[:, None], LONG_STEP, dw=dw))
     residuals = case.printed(LONG_STEP, dw, start, end, **case.model.parameters)
     largest = {equation: np.abs(residual).max() for equation, residual in residuals.items()}
