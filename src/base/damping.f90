@@ -27,20 +27,20 @@ module symsde_base_damping
 
    integer, parameter :: largest_friction = 512   !! degrees of freedom up to which a matrix is taken
 
-   !> How kicks between drifts that decay get the noise of free motion (noise/decay_law).
+   !> How kicks between decaying drifts get the noise of free motion (noise/decay_law).
    enum, bind(c)
       enumerator :: noise_of_scheme = 0    !! law2, or law3 where kicks follow K
-      enumerator :: noise_law2 = 1         !! its law, from dW and dZ
-      enumerator :: noise_law3 = 2         !! its law, from dW, dZ and K
-      enumerator :: noise_path = 3         !! that of the path, which is merged as dZ is
-      enumerator :: noise_polynomial = 4   !! as without damping, whose moments hold to the order of the scheme
+      enumerator :: noise_law2 = 1         !! noise with the law of free motion, from dW and dZ
+      enumerator :: noise_law3 = 2         !! noise with this law, from dW, dZ and K
+      enumerator :: noise_path = 3         !! noise of free motion along the path, merged as dZ is
+      enumerator :: noise_polynomial = 4   !! weights without damping: moments hold to the order of the scheme
    end enum
 
-   !> The damping rates of a model, numbers or functions, or its friction; a closed system has none of the three.
+   !> The damping of a model: rates, as numbers or functions, or friction; a closed system has none of these.
    type :: damping_type
       real(wp), allocatable :: rate(:)         !! gamma_i [1/time] (ndof)
       real(wp), allocatable :: friction(:, :)  !! Gamma [mass/time] (ndof, ndof)
-      class(rate_type), pointer :: varying => null()  !! gamma_i(q, t); it outlives the model
+      class(rate_type), pointer :: varying => null()  !! gamma_i(q, t); this object outlives the model
       logical :: gain = .false.                !! whether gamma_i(q, t) may be negative
    contains
       procedure :: acts
@@ -85,8 +85,8 @@ contains
       end if
    end subroutine new_rates
 
-   !> The friction of a symmetric matrix on velocities. It must not feed energy in, x.Gamma x >= 0, unless that is
-   !> allowed. A matrix of zeros is no friction. Where a matrix is refused the damping stays as it was.
+   !> The friction of a symmetric matrix on velocities. It must not feed energy in, x.Gamma x >= 0, unless gain is
+   !> allowed. A matrix of zeros is no friction. A refused matrix leaves the damping unchanged.
    subroutine new_friction(self, friction, ndof, error, allow_gain)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: friction(:, :)   !! Gamma [mass/time] (ndof, ndof)
@@ -145,7 +145,7 @@ contains
    end subroutine new_friction
 
    !> Damping by rates that are functions of position and time. A negative rate at a state fails the path there, unless
-   !> gain is allowed. Null is a closed system.
+   !> gain is allowed. A null pointer makes the system closed.
    subroutine new_varying(self, varying, allow_gain)
       type(damping_type), intent(inout) :: self
       class(rate_type), intent(in), pointer :: varying
@@ -156,7 +156,7 @@ contains
       if (present(allow_gain)) self%gain = allow_gain
    end subroutine new_varying
 
-   !> A closed system.
+   !> Make the system closed.
    subroutine take_back(self)
       type(damping_type), intent(inout) :: self
 
@@ -170,7 +170,7 @@ contains
    !> negative one, and when no positive pivot is left, the remaining matrix is zero.
    logical function loses(friction, largest)
       real(wp), intent(in) :: friction(:, :)
-      real(wp), intent(in) :: largest             !! of the elements
+      real(wp), intent(in) :: largest             !! largest of the elements
       real(wp), dimension(size(friction, 1), size(friction, 1)) :: a
       logical :: done(size(friction, 1))
       real(wp) :: rounding, pivot
@@ -209,7 +209,7 @@ contains
    subroutine describe(self, traits, symplectic, text)
       class(damping_type), intent(in) :: self
       type(model_traits), intent(in) :: traits
-      logical, intent(in) :: symplectic   !! whether the scheme is that for closed systems
+      logical, intent(in) :: symplectic   !! whether the scheme is symplectic for closed systems
       character(:), allocatable, intent(out) :: text
       logical :: keeps
 
@@ -289,7 +289,7 @@ contains
       acts = allocated(self%rate) .or. .not. self%is_constant() .or. allocated(self%friction)
    end function acts
 
-   !> Whether rates or matrix, if there are any, are numbers.
+   !> Whether the rates or the matrix, if there are any, are numbers and not functions.
    pure logical function is_constant(self)
       class(damping_type), intent(in) :: self
 
@@ -304,7 +304,7 @@ contains
       if (associated(self%varying)) shrinks_alike = self%varying%one .and. .not. self%varying%of_position
    end function shrinks_alike
 
-   !> Whether all degrees of freedom have the same constant rate. A matrix is no rate.
+   !> Whether all degrees of freedom have the same constant rate. A matrix does not count as a rate.
    pure logical function is_scalar(self)
       class(damping_type), intent(in) :: self
 

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Rates of damping that are functions of position and time, gamma_i(q, t) [1/time].
 !>
-!> A function of one's own extends rate_type, as a model extends model_type: it says in its components what the rates
-!> depend on, and gives `find`. Each lane must be computed from its own numbers alone; several threads ask at once.
+!> A user's function extends rate_type, as a model extends model_type: it says in its components what the rates
+!> depend on, and gives `find`. Each lane must be computed from its own numbers alone; several threads call at once.
 module symsde_base_rates
    use symsde_base_kinds, only: wp
    implicit none
@@ -24,11 +24,11 @@ module symsde_base_rates
          import :: rate_type, wp
          class(rate_type), intent(in) :: self
          integer, intent(in) :: nlane, ndof
-         integer, intent(in) :: nrate                    !! 1 or ndof, by self%one
+         integer, intent(in) :: nrate                    !! number of rates: 1 if `one`, else ndof
          real(wp), intent(in) :: t                       !! time [time]
          real(wp), intent(in) :: q(nlane, ndof)
          real(wp), intent(out) :: rate(nlane, nrate)     !! [1/time]
-         integer, intent(out) :: code                    !! 0, or why the rates are refused, which ends the run
+         integer, intent(out) :: code                    !! 0, or the reason for a refusal, which ends the run
       end subroutine find_interface
    end interface
 

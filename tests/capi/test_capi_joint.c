@@ -522,7 +522,7 @@ static int in_position(int nlane, int ndof, int nrate, double t, const double *q
    return 0;
 }
 
-/* rates that are functions: p falls by exp(-int gamma dt), whatever the scheme, where H hardly moves it */
+/* rates that are functions: p falls by exp(-int gamma dt), by every scheme, if H hardly changes p */
 static void test_damping_function(void) {
    const char *keys[] = {"a", "sigma"};
    const double values[] = {1e-14, 0}, one = 1, zero = 0;

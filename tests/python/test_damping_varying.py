@@ -52,14 +52,16 @@ def forced(kind, noise):
 
 
 def gamma(kind, q, t):
-    """The rates, (dof, lane)."""
+    """The rates gamma_i(q, t), (dof, lane)."""
     function = KINDS[kind][1]
     found = function(*({"q": q, "t": t}[x] for x in function.__code__.co_varnames))
     return np.broadcast_to(found, q.shape)
 
 
 def decayed(kind, x, t, tau, factor=1.0):
-    """p after a decay at the position q over the time tau from t on, by many nodes of Gauss."""
+    """p after a decay at the position q over the time tau from t on; the rate is integrated by twelve nodes of
+    Gauss.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(12)
     q, p = x
     total = sum(w / 2 * gamma(kind, q, t + tau * (x + 1) / 2) for x, w in zip(nodes, weights, strict=True))
@@ -81,7 +83,7 @@ def test_tableaus_stand_between_decays(kind, scheme, step):
         inner = ss.simulate(closed, q0=q, p0=decayed(kind, (q, p), t, c * step, factor), **how)
         end = decayed(kind, (inner.q[-1], inner.p[-1]), t + c * step, (1 - c) * step, factor)
         difference = max(np.abs(run.q[-1] - inner.q[-1]).max(), np.abs(run.p[-1] - end).max())
-        # the rest is that of three nodes of Gauss, gamma^(6) h^7/2016000
+        # the difference left is the error of three nodes of Gauss, gamma^(6) h^7/2016000
         assert difference < 1e-9 if factor == 1.0 else difference > 1e-5, (factor, difference)
 
 
@@ -106,8 +108,8 @@ def test_kicks_stand_between_drifts_with_decay(kind, step):
 @pytest.mark.parametrize("step", [0.1, -0.1])
 @pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "gauss_dkdkd", "verlet_kdk", "chin4a"])
 def test_a_constant_function_is_a_number(rate, step, scheme):
-    """gamma h from 1e-13 to 40, as a function of time that is constant; kicks have no law of free motion then, so
-    noise is left out."""
+    """gamma h from 1e-13 to 40, as a function of time that is constant; kicks then have no law of free motion, so the
+    model has no noise."""
     if step * rate < -30:
         pytest.skip("momenta grow by exp(40) in each step")
     closed = ss.model_from_sympy(H, noise=[])
@@ -127,7 +129,7 @@ def test_a_drift_with_a_rate_in_time(mean, change):
     run = ss.simulate(model, scheme="verlet_kdk", q0=0.0, p0=1.0, step=h, steps=1)
     s = (np.arange(2**20) + 0.5) * h / 2**20
     reach = np.exp(-mean * (s + change * s**2 / 2)).mean() * h
-    # h^7 of Gauss' nodes; where gamma h = 10 to 17 grows by three quarters
+    # errors of Gauss' nodes fall as h^7, and are large where gamma h grows from 10 to 17 in a step
     room = 1e-11 if mean < 1 else 2e-6 if mean == 1 else 0.1
     assert run.q[-1, 0, 0] == pytest.approx(reach, rel=room)
     assert run.p[-1, 0, 0] == pytest.approx(np.exp(-mean * (h + change * h**2 / 2)), rel=1e-13)
@@ -147,7 +149,7 @@ def rms(x):
 
 @pytest.mark.parametrize("kind", ["q", "each qt"])
 def test_the_equation_is_that_of_the_force(kind):
-    """Kicks at 2^7 steps against the force -gamma p in heun at 2^11: they agree to the error of heun, order one."""
+    """Kicks with 2^7 steps agree with heun for the force -gamma p with 2^11 steps, to heun's error of order one."""
     model = made(kind)
     kicked = ends(model, "chin4a_strong2", 7, 11)
     assert rms(ends(forced(kind, POSITION), "heun", 11, 11) - kicked) < 3e-4
@@ -175,8 +177,9 @@ def test_strong_orders_in_time_against_the_clock(noise):
 
 @pytest.mark.parametrize("kind", ["each q"])
 def test_noise_in_momenta_and_areas(kind):
-    """Noises in q and p that do not commute: midpoint_areas has order one, and the corrected Euler pair, too, where
-    they do."""
+    """For noises in q and p that do not commute midpoint_areas has order one; for one noise in both the corrected
+    Euler pair has, too.
+    """
 
     def end(model, scheme, power):
         run = ss.simulate(model, scheme=scheme, q0=[0.7, -0.2], p0=0.3, step=1 / 2**power, steps=2**power, seed=3,
@@ -228,7 +231,7 @@ def test_volume_shrinks_by_the_rates_on_the_path(scheme, kind):
     if c is not None or scheme == "verlet_kdk":
         c = 0.5 if c is None else c
         assert np.log(det) == pytest.approx(-h * (c * first + (1 - c) * last), abs=1e-8)
-    else:  # ends of the inner drifts lie between
+    else:  # inner drifts end between both positions
         assert len(sums[scheme]) == 2
         assert np.log(det) == pytest.approx(-h * (first + last) / 2, rel=0.05)
         assert np.log(det) < -0.1
@@ -254,7 +257,7 @@ def test_symmetric_steps_are_taken_back(scheme, kind):
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "gauss_dkdkd", "chin4a_strong2"])
 @pytest.mark.parametrize("kind", ["t", "each qt"])
 def test_a_path_has_its_bits(kind, scheme, formulas):
-    """A path of a block, alone, in other blocks and in a run that goes on."""
+    """A path has the same bits in a block, alone, in other blocks and in a run that goes on."""
     model = made(kind, formulas=formulas)
     how = {"scheme": scheme, "step": 0.1, "steps": 6, "seed": 4, **START}
     run = ss.simulate(model, paths=37, **how)
@@ -362,7 +365,7 @@ paths = 4
 
 
 def test_refusals():
-    """A sentence each."""
+    """Each refusal has a sentence."""
     well = ss.model_from_sympy("p**2/2 + q**4/4", noise=["0.1*q**2"], params={"g": 0.7}, damping="g + q**2")
     run = {"q0": 0.5, "p0": 0.3, "step": 0.1, "steps": 5}
     with pytest.raises(InvalidArgumentError, match="holds a momentum: rates depend on q and t alone"):

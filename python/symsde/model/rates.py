@@ -17,11 +17,11 @@ from ..native import abi, callbacks, checks, handles
 class Rates:
     """Rates of momenta that depend on position, on time, or on both."""
 
-    function: Any  #: of Python, or compiled
-    of: str = "qt"  #: what it depends on: "q", "t" or "qt"
-    each: bool = False  #: one rate for each momentum, else one for all
+    function: Any  #: a Python function, or a compiled one
+    of: str = "qt"  #: arguments on which the function depends: "q", "t" or "qt"
+    each: bool = False  #: whether each momentum has a rate, else one serves all
     allow_gain: bool = False  #: whether rates may be negative
-    texts: tuple[str, ...] = ()  #: formulas, if the rates are formulas
+    texts: tuple[str, ...] = ()  #: texts of formulas, if the rates are formulas
 
     @property
     def in_python(self) -> bool:
@@ -33,7 +33,7 @@ class Rates:
         return list(self.texts) or [getattr(self.function, "__qualname__", type(self.function).__name__)]
 
     def set(self, handle: Any, ndof: int) -> None:
-        """Let them damp the model of a handle, which keeps them alive."""
+        """Let the rates damp the model of a handle, which keeps them alive."""
         ready = callbacks.compiled("damping", self.function)
         function, user = ready or (self._from_python(handle.failures), None)
         handle.rates = function, self.function
@@ -50,7 +50,7 @@ class Rates:
                 found = self.function(*(given[name] for name in self.of))
                 shape = (ndof, nlane) if self.each else (nlane,)
                 callbacks.view(rate, shape)[...] = _like(found, shape)
-            except BaseException as error:  # raised again when the library has returned
+            except BaseException as error:  # this exception is raised when the library has returned
                 return failures.store(error)
             return 0
 
@@ -84,7 +84,7 @@ def rates_of(given: Any, each: bool, allow_gain: bool, ndof: int) -> Rates | Non
 
 
 def _like(found: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """What a function returned, in its shape; a rate that is the same for all lanes is repeated."""
+    """The result of a function in this shape; a rate that is the same for all lanes is repeated."""
     if np.ma.is_masked(found):
         raise WrongTypeError("damping() has masked values: return an array of numbers, with NaN where there is none")
     array = np.asarray(found)

@@ -128,7 +128,7 @@ contains
 
       ! Noise and decay of a word have the law of the bath for every gamma h.
       if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0) .or. scheme%kicks%is_word()) return
-      if (.not. damping%is_constant()) return  ! no temperature is known
+      if (.not. damping%is_constant()) return  ! the temperature is unknown
       if (allocated(traits%silent)) then
          if (all(traits%silent)) return
       end if

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe of rates of damping that are functions: what is said of them must hold at the points.
+!> The probe of rates of damping that are functions: their declarations must hold at the points.
 !>
 !>    gamma(q, t) >= 0           unless gain is allowed
 !>    of time alone              gamma(q, t) = gamma(q', t)
@@ -20,7 +20,7 @@ module symsde_model_probe_damping
 
 contains
 
-   !> Refuse rates that one of these tests refutes. Points at which they are not finite are passed over.
+   !> Refuse rates that one of these tests refutes. Points with rates that are not finite are passed over.
    subroutine probe_damping(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -60,7 +60,7 @@ contains
 
    contains
 
-      !> Refuse if the rates differ.
+      !> Refuse the rates if they differ from those compared.
       subroutine compare(what)
          character(*), intent(in) :: what
          integer :: j, k

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Rates of damping that are a C function (symsde_damping in symsde.h).
 !>
-!> Outputs are NaN before every call, so lanes that are left unwritten fail. A nonzero return ends the run, as that of
-!> any function of a model.
+!> Outputs are NaN before every call, so lanes that are left unwritten fail. A nonzero return ends the run, as a return
+!> of any function of a model does.
 module symsde_model_user_callback_rates
    use, intrinsic :: iso_c_binding, only: c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp
@@ -28,7 +28,7 @@ contains
    subroutine set(self, rates, one, of_position, of_time, user)
       class(callback_rates), intent(inout) :: self
       type(c_funptr), intent(in) :: rates                      !! a damping_callback
-      logical, intent(in) :: one, of_position, of_time         !! as in rate_type
+      logical, intent(in) :: one, of_position, of_time         !! see rate_type
       type(c_ptr), intent(in) :: user
 
       call c_f_procpointer(rates, self%on_rates)

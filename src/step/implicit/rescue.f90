@@ -73,7 +73,7 @@ contains
       if (allocated(task%tableau)) self%scheme => task%tableau
       if (self%scheme%form /= tableau_form .or. task%newton%fixed_point > 0) return
       if (stepper%explicit) return              ! there are no equations to solve
-      if (task%damping%acts() .and. .not. allocated(task%damping%rate)) return  ! its equations stand between decays
+      if (task%damping%acts() .and. .not. allocated(task%damping%rate)) return  ! steps stand between decays
       if (allocated(stepper%ham%modified)) return  ! brackets have additional increments
       ! Two slopes of n numbers for each stage, and twice as many if noise has its own coefficients.
       if (4*task%model%traits%ndof*self%scheme%nstage > max_unknowns) return

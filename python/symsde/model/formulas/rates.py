@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rates of damping given as formulas gamma_i(q, t): C, and what they depend on.
 
-The formulas are one for all momenta, or one for each, in the coordinates, the time and the parameters of the
-Hamiltonians. Where none holds a coordinate or the time they are numbers, which follow the parameters.
+There is one formula for all momenta, or one for each, in the coordinates, the time and the parameters of the
+Hamiltonians. If no formula holds a coordinate or the time, the rates are numbers that depend on the parameters.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ int formula_damping(int nlane, int ndof, int nrate, double t, const double *q, d
 class Asked:
     """Damping that was given as formulas."""
 
-    formulas: tuple[Any, ...]  #: one, or one for each momentum
+    formulas: tuple[Any, ...]  #: one formula, or one for each momentum
     allow_gain: bool = False  #: whether rates may be negative
 
 
 def asked(damping: Any, *, allow_gain: bool = False) -> Any:
-    """Damping, with formulas among it as `Asked`; numbers, functions and None stay as they are."""
+    """Damping, as `Asked` if it holds formulas; numbers, functions and None stay as they are."""
     row = damping if isinstance(damping, list | tuple) else (damping,)
     flat = [x for y in row for x in (y if isinstance(y, list | tuple) else (y,))]
     if not any(isinstance(x, str) or hasattr(x, "free_symbols") for x in flat):
@@ -60,7 +60,7 @@ class RateFormulas(ForceFormulas):
     """Rates as nodes of one graph."""
 
     def __init__(self, problem: Problem, rates: list[Any]):
-        """Take what depends on q and t."""
+        """Make the graph of these rates, which depend on q and t."""
         self.problem, self._vanishing, self._entries = problem, (), {}
         self.graph, self._engine, self._lanes = Graph(), engine(), problem.lanes
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
@@ -74,12 +74,12 @@ class RateFormulas(ForceFormulas):
 
 @dataclass(frozen=True)
 class Found:
-    """What formulas of rates are."""
+    """The result of deriving rates from formulas."""
 
     asked: Asked
     texts: tuple[str, ...]
-    of: str  #: "q", "t" or "qt"; "" where they are numbers
-    formulas: RateFormulas | None  #: None where they are numbers
+    of: str  #: "q", "t" or "qt"; "" if rates are numbers
+    formulas: RateFormulas | None  #: None if rates are numbers
     numbers: Callable[[Mapping[str, float]], list[float]]  #: values of parameters -> rates that are numbers
 
     def at(self, values: Mapping[str, float], compiled: Any) -> Rates | list[float]:
@@ -95,7 +95,7 @@ class Found:
         return Rates(function, self.of, len(self.texts) > 1, self.asked.allow_gain, self.texts)
 
     def _in_numpy(self, values: Mapping[str, float]) -> Callable:
-        """The function without a compiler."""
+        """The rates as a NumPy function, for use without a compiler."""
         graph, roots = self.formulas.graph, self.formulas.outputs["rate"]
         parameters = {f"c{k}": value for k, value in enumerate(values.values())}
 
@@ -121,7 +121,7 @@ def split(problem: Problem, given: Asked) -> tuple[Problem, list[Any]]:
 
 
 def derive(problem: Problem, prover: Prover, given: Asked, rates: list[Any]) -> Found:
-    """What the rates are."""
+    """Find on what the rates depend, and prepare their formulas or numbers."""
     texts = tuple(str(x) for x in given.formulas)
     exact = [prover.sympy.sympify(e).xreplace(prover.special) for e in rates]
     held = set().union(*(e.free_symbols for e in exact))
@@ -137,7 +137,7 @@ def derive(problem: Problem, prover: Prover, given: Asked, rates: list[Any]) -> 
 
 
 def _numbers(prover: Prover, rates: list[Any]) -> Callable[[Mapping[str, float]], list[float]]:
-    """Rates that take parameters alone, as a function of their values."""
+    """Rates without q and t, as a function of the values of parameters."""
 
     def at(values: Mapping[str, float]) -> list[float]:
         given = dict(zip(prover._real, values.values(), strict=True))
@@ -147,7 +147,7 @@ def _numbers(prover: Prover, rates: list[Any]) -> Callable[[Mapping[str, float]]
 
 
 def source(found: Found | None) -> str:
-    """The C text."""
+    """The C text of the rates; empty if they are numbers."""
     if found is None or found.formulas is None:
         return ""
     loops = emit_c.Loops(found.formulas.graph, found.formulas.outputs)
