@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 import symsde as ss
+from symsde.answers.linear_stability import stable_up_to
 from symsde.cli import command_line
 from symsde.errors import IncompatibleError
 
@@ -104,6 +105,26 @@ def test_second_moments_refuse_what_steps_refuse():
         ss.mean_square(ss.model_from_sympy("p**2/2 + q**2/2", ["0.3*q**2"]).damped(RATE), "gauss2_strong32", step=0.1)
 
 
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 0.35, 4.0])
+def test_limits_of_a_damped_oscillator_by_hand(ratio):
+    """omega h at which tr M = -(1 + det M), gamma = ratio omega: h phi omega^2 = 2 (1 + exp(-z)) for Verlet's kicks,
+    whose drift is phi = (1 - exp(-z))/gamma, and (omega h)^2 = 2 (1 + exp(-z)) for the one-sided step, whose decay is
+    last.
+    """
+
+    def above(x, length):
+        return x * length(x) > 2 * (1 + math.exp(-ratio * x))
+
+    for scheme, length in (("symplectic_euler", lambda x: x),
+                           ("verlet_kdk", lambda x: -math.expm1(-ratio * x) / ratio if ratio else x)):  # fmt: skip
+        low, high = 0.0, 100.0
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (low, middle) if above(middle, length) else (middle, high)
+        assert stable_up_to(scheme, ratio)[0] == pytest.approx(low, rel=1e-5), scheme
+    assert stable_up_to("midpoint", ratio)[0] == math.inf
+
+
 def test_scenes_of_damped_models(tmp_path, capsys):
     """`symsde study` and `symsde advise` accept scenes of damped models."""
     file = tmp_path / "scene.toml"
@@ -113,3 +134,10 @@ def test_scenes_of_damped_models(tmp_path, capsys):
     )
     assert command_line.main(["advise", str(file), "--tolerance", "3e-2"]) == 0
     assert "strong32" not in capsys.readouterr().out
+    assert command_line.main(["stability", str(file)]) == 0
+    told = capsys.readouterr().out
+    assert "linear oscillator damped by gamma = 0.8 without noise" in told
+    one = next(line for line in told.splitlines() if line.startswith("symplectic_euler"))
+    omega = float(re.search(r"frequency ([\d.]+)", told)[1])
+    limit = stable_up_to("symplectic_euler", 0.8 / omega)[0]
+    assert limit < 1.99 and float(one.split()[1]) == pytest.approx(limit, rel=1e-2)

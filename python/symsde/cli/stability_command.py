@@ -14,6 +14,7 @@ from ..answers.expectation.candidates import frequency
 from ..answers.linear_stability import stable_up_to
 from ..batch import scene
 from ..errors import InvalidArgumentError
+from ..model.definition import Model
 from ..native import files
 from ..schemes import as_scheme
 from ..show import tables
@@ -60,14 +61,26 @@ def of_scene(file: str) -> str:
         f"{file}: {problem.model!r} by {own}, step {h:g}",
         f"frequency {omega:.4g}, {ways} to t = {problem.horizon:g}: omega h = {omega * h:.3g}",
     ]
+    rates = _rates(problem.model)
     lines = [["scheme", "omega h", "longest step", " this step"]]
     for name in dict.fromkeys([own, *(scheme.name for scheme in candidates(problem))]):
-        limit = stable_up_to(name)[0]
+        limit = min(stable_up_to(name, rate / omega)[0] for rate in rates)
         ends = ("every", "every") if limit == math.inf else (f"{limit:.3g}", f"{limit / omega:.3g}")
         verdict = "stable" if omega * h < limit else "never stable" if not limit else "too long"
         lines.append([name, *ends, f" {verdict}"])
-    last = "limits are those of a linear oscillator without noise; where springs harden, stay below 0.65 of them"
+    damped = f" damped by gamma = {' and '.join(f'{rate:.4g}' for rate in rates)}" if any(rates) else ""
+    last = (
+        f"limits are those of a linear oscillator{damped} without noise; where springs harden, stay below 0.65 of them"
+    )
     return "\n".join([*told, tables.aligned(lines, (-26, 8, 13, 0)), last])
+
+
+def _rates(model: Model) -> tuple[float, ...]:
+    """The rates of damping for which limits are found, the smallest and the largest one: zero for a closed system, a
+    matrix of friction, rates that change, and rates that add energy.
+    """
+    damping = () if model.has_friction or model._varying else model.damping
+    return tuple(dict.fromkeys((max(0.0, min(damping, default=0.0)), max(0.0, max(damping, default=0.0)))))
 
 
 def _scenarios(stability, page, directory: Path, options: argparse.Namespace) -> int:

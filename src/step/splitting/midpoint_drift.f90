@@ -65,7 +65,8 @@ contains
       task%damping = damping_type()
       if (whole%damping%acts()) then
          half = 0.5_wp*([whole%scheme%kicks%c, 1.0_wp] - [0.0_wp, whole%scheme%kicks%c])
-         call new_drift_flow(self%around, size(half), whole%nlane, whole%model%traits%ndof, damping=whole%damping, part=half)
+         call new_drift_flow(self%around, size(half), whole%nlane, whole%model%traits%ndof, damping=whole%damping, &
+                             part=half)
       end if
       allocate (self%midpoint)
       call get_scheme(self%midpoint, 'midpoint', error)
