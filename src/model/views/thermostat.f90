@@ -25,7 +25,7 @@ module symsde_model_views_thermostat
 
    type, extends(kernel_model) :: thermostat_model
       class(model_type), allocatable :: inner              !! the model without the bath
-      class(model_type), pointer, private :: told => null() !! view of inner for a runner, used instead of it
+      class(model_type), pointer, private :: told => null() !! view of the inner model for a runner, in place of `inner`
       real(wp), allocatable :: sigma(:)                    !! sigma_i (ndof)
    contains
       procedure :: gradient

@@ -36,8 +36,8 @@ module symsde_step_open_damped
 
 contains
 
-   !> Whether the step of the closed system can be used for a damped model: a tableau of one stage, or any tableau where
-   !> decays are no numbers.
+   !> Whether the step of the closed system can be used for a damped model: a tableau of one stage, or any tableau if
+   !> damping is by a matrix or by functions.
    pure logical function damped_fits(task)
       type(stepper_task), intent(in) :: task
 
@@ -45,7 +45,7 @@ contains
                     (task%scheme%nstage == 1 .or. .not. allocated(task%damping%rate))
    end function damped_fits
 
-   !> The part of the decay before the inner step: the node of a scheme of one stage, and half of it for several.
+   !> The part of the decay before the inner step: the node c of a scheme of one stage, one half for several stages.
    pure real(wp) function damped_node(scheme) result(c)
       type(scheme_type), intent(in) :: scheme
 

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The noise of kicks between drifts that decay, for a model that is damped by one rate. The noise of free motion is
-!> right (noise/decay_law): the first kick takes more and the last one less,
+!> The noise of kicks between drifts that decay, for a model that is damped by one rate. Kicks give the noise of free
+!> motion (noise/decay_law) if the first kick takes d_k more and the last kick d_k less,
 !>
 !>    d_k = (D_k/h - sum_i phi_i w_ik)/(phi_1 - phi_n),   phi_i = phi((1 - c_i) h)/h
 !>
-!> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Of its law D_k is linear in dW, a and K: beta, gamma and eta
-!> of these two kicks change with gamma h. Of the path D_k is a functional, with the factor delta. With polynomial
-!> weights nothing changes.
+!> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. In law D_k is linear in dW, a and K, and beta, gamma and eta
+!> of these two kicks change with gamma h. Along the path D_k is a functional, with the factor delta. Polynomial weights
+!> do not change.
 !>
 !> Verlet with dZ (step/explicit/verlet_dz) has one kick dW_k in the middle and a shift of q by D_k - phi(h/2) dW_k.
 module symsde_step_open_kick_law
@@ -28,7 +28,7 @@ contains
    pure logical function has_law(scheme, damping, noise)
       type(scheme_type), intent(in) :: scheme
       type(damping_type), intent(in) :: damping
-      integer, intent(in) :: noise   !! of the enumerators of base/damping
+      integer, intent(in) :: noise   !! an enumerator of base/damping
 
       has_law = damping%acts() .and. damping%is_scalar() .and. noise /= noise_polynomial .and. can_choose(scheme)
    end function has_law
@@ -46,7 +46,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
       type(damping_type), intent(in) :: damping
-      integer, intent(in) :: noise   !! of the enumerators of base/damping
+      integer, intent(in) :: noise   !! an enumerator of base/damping
       type(functional_set) :: asked
 
       asked = scheme%asks
@@ -63,7 +63,7 @@ contains
       type(kicks_type), intent(inout) :: kicks
       type(kicks_type), intent(in) :: closed
       real(wp), intent(in) :: z
-      integer, intent(in) :: noise   !! of the enumerators of base/damping
+      integer, intent(in) :: noise   !! an enumerator of base/damping
       real(wp) :: d(4), phi(size(closed%c))
       integer :: last
 
@@ -87,7 +87,7 @@ contains
    !> Coefficients of dW, a and K in D/h, and of the path's own D/h.
    pure function free_motion(z, noise, follows_k) result(d)
       real(wp), intent(in) :: z            !! gamma h
-      integer, intent(in) :: noise         !! of the enumerators of base/damping
+      integer, intent(in) :: noise         !! an enumerator of base/damping
       logical, intent(in) :: follows_k     !! whether the scheme draws K, too
       real(wp) :: d(4)
 

@@ -141,7 +141,7 @@ contains
       do i = 1, ndof
          k = min(i, self%nrate)
          if (k == i) then
-            ! the rates are those of all lanes
+            ! all lanes have the same rates
             g = self%total(1, k)
             reach = tau*decay_integral(1.0_wp, g) + tau*change(self%rate(1, k, :)*tau, g)
             loss = decay_less_one(g)
@@ -154,7 +154,7 @@ contains
    !> int_0^1 exp(-g s) (exp(g s - G(s)) - 1) ds, in units of the duration.
    pure real(wp) function change(rate, g)
       real(wp), intent(in) :: rate(3)   !! gamma tau at the nodes
-      real(wp), intent(in) :: g         !! its mean
+      real(wp), intent(in) :: g         !! mean of gamma tau
       integer :: i
 
       change = 0
