@@ -234,7 +234,8 @@ def test_own_model():
 @pytest.mark.parametrize(
     ("scheme", "why"),
     [
-        ("gauss_dkdkd", "drifts and kicks"),
+        ("chin4a", "products of gradients"),
+        ("verlet_kdk_midpoint", "midpoint steps"),
         ("gauss2_strong32", "brackets"),
         ("euler_maruyama", "Ito form"),
         ("verlet_dz", "frame"),
@@ -272,9 +273,54 @@ def test_refused_inputs():
         ss.gradient(pendulum(), "q", **run, compensated=True)
     with pytest.raises(IncompatibleError, match="iterations"):
         ss.gradient(pendulum(), "q", **RUN, scheme="midpoint", fixed_point=2)
+    for damping, words in (([[0.5]], "matrix of friction"), (lambda q: 0.1 + q**2, "position or time")):
+        with pytest.raises(IncompatibleError, match=words):
+            ss.gradient(pendulum().damped(damping), "q", **RUN, scheme="midpoint")
     forced = pendulum().forced(force=lambda q, p, t: -p)
     with pytest.raises(IncompatibleError, match="forces act"):
         ss.gradient(forced, "q", **RUN, scheme="midpoint")
+
+
+def test_special_values():
+    """Where a parameter is 0 or 1, formulas are simpler than beside it: the derivative is right, or refused."""
+    require_gradient(mass, "q", ["m"], scheme="stormer_verlet", steps=5)
+    for scheme in ("stormer_verlet", "midpoint"):
+        one = lambda **x: ss.model_from_sympy(  # noqa: E731
+            "p**2/(2*m) - cos(q)", ["s*sin(q)"], params={"m": 1.0, "s": 0.3} | x
+        )
+        require_gradient(one, "q", ["m", "s"], scheme=scheme)
+    silent = pendulum(sigma=0.0)
+    with pytest.raises(IncompatibleError, match=r"traits at sigma = 0 \(\w+\) that it loses"):
+        ss.gradient(silent, "q", ["sigma"], **RUN)
+    ss.gradient(silent, "q", ["k"], **RUN)
+    turned = ss.model_from_sympy("p**2/2 + q**2/2 + a*q**2*p**2", ["-0.3*q"], params={"a": 0.0})
+    with pytest.raises(IncompatibleError, match="give a value nearby"):
+        ss.gradient(turned, "q", ["a"], **RUN, scheme="stormer_verlet")
+    with pytest.raises(IncompatibleError, match=r"nearby|not drawn"):
+        ss.gradient(ss.models.linear_oscillator(sigma=0.0), "q", ["sigma"], **RUN)
+
+
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_dkd_weak2"])
+@pytest.mark.parametrize(("make", "names"), [(pendulum, ["k", "sigma"]), (driven, ["omega", "nu"]), (two, ["alpha"])])
+def test_kicks(make, names, scheme):
+    """Drifts and kicks with dZ, at their own times."""
+    require_gradient(make, "q_1**2 + p_1", names, scheme=scheme)
+
+
+def test_kicks_of_a_heavy_mass():
+    """M^-1 by the model."""
+    heavy = lambda **x: ss.model_from_sympy(  # noqa: E731
+        "p1**2/3 + p2**2/5 + k*cos(q1 - q2) + q1**2/2", ["s*sin(q1)", "0.3*q2"], params={"k": 1.3, "s": 0.3} | x
+    )
+    require_gradient(heavy, "q_1*p_2", ["k", "s"], scheme="gauss_dkdkd")
+    with pytest.raises(IncompatibleError, match="kinetic energy"):
+        ss.gradient(
+            ss.model_from_sympy("p**2/(2*m) + q**4", ["0.3*q"], params={"m": 1.3}),
+            "q",
+            ["m"],
+            **RUN,
+            scheme="gauss_dkdkd",
+        )
 
 
 def test_failed_paths():

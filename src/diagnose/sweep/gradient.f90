@@ -70,8 +70,8 @@ contains
       real(wp), intent(out), target :: value(:)                 !! f (npath)
       real(wp), intent(out), target :: u(:, :)                  !! df/dq0, then df/dtheta (npath, ndof + nparameter)
       real(wp), intent(out), target :: c(:, :)                  !! df/dp0 (npath, ndof)
-      integer(i4), intent(out), target :: status(:)             !! 0 = ok (npath)
-      integer(i8), intent(out), target :: failed_step(:)        !! (npath)
+      integer(i4), intent(out), target, contiguous :: status(:)             !! 0 = ok (npath)
+      integer(i8), intent(out), target, contiguous :: failed_step(:)        !! (npath)
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)

@@ -48,8 +48,8 @@ module symsde_diagnose_sweep_sweeper
                                                                       !! (npath, ndof, 0:nsave)
       real(wp), pointer :: u(:, :) => null(), c(:, :) => null()       !! covectors (npath, nwide), (npath, ndof)
       real(wp), pointer :: value(:) => null()                         !! f (npath)
-      integer(i4), pointer :: status(:) => null()                     !! (npath)
-      integer(i8), pointer :: failed_step(:) => null()                !! (npath)
+      integer(i4), pointer, contiguous :: status(:) => null()                     !! (npath)
+      integer(i8), pointer, contiguous :: failed_step(:) => null()                !! (npath)
       ! members for tangent vectors, which are taken forward if v is given
       real(wp), pointer :: v(:, :, :) => null()       !! dq, then dp; the last columns belong to parameters
                                                       !! (npath, 2 ndof, nvector)
@@ -309,7 +309,7 @@ contains
          do k = plan%nstep, 0, -1
             n = plan%first - plan%origin + k   ! steps from the beginning of the run
             saved = mod(n, plan%every) == 0 .and. (k > 0 .or. n == 0)
-            if (k < plan%nstep .and. mod(mod(n, plan%every), rest) == 0) &
+            if (k < plan%nstep .and. mod(mod(n, plan%every), int(rest, i8)) == 0) &
                call self%step%settle(self%q(:, :, k), self%p(:, :, k), self%u, self%c)
             if (saved) then
                if (allocated(fq)) then

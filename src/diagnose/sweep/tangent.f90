@@ -40,8 +40,8 @@ contains
       real(wp), intent(inout), target :: v(:, :, :)             !! dq, then dp (npath, 2 ndof, nvector)
       real(wp), intent(out), target :: logs(:, :)               !! (npath, nvector)
       real(wp), intent(out), target :: last_q(:, :), last_p(:, :)  !! last state (npath, ndof)
-      integer(i4), intent(out), target :: status(:)             !! 0 = ok (npath)
-      integer(i8), intent(out), target :: failed_step(:)        !! (npath)
+      integer(i4), intent(out), target, contiguous :: status(:)             !! 0 = ok (npath)
+      integer(i8), intent(out), target, contiguous :: failed_step(:)        !! (npath)
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)

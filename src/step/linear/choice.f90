@@ -3,8 +3,10 @@
 module symsde_step_linear_choice
    use symsde_base_status, only: error_type, raise, incompatible, missing_operation, wrong_shape
    use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, frame_none, ito_form, splitting_form, galerkin_form
+   use symsde_step_linear_kicks, only: kicks_step, new_kicks_step, why_no_kicks
    use symsde_step_linear_kick_drift, only: kick_drift_step, kick_drift_fits, new_kick_drift
    use symsde_step_linear_linear_step, only: linear_step
    use symsde_step_linear_tableau, only: tableau_step, new_tableau_step
@@ -23,8 +25,10 @@ contains
       class(model_type), intent(in) :: wide    !! model with the parameters as further positions
       type(error_type), allocatable, intent(inout) :: error
       character(*), parameter :: place = 'linear_step'
+      character(:), allocatable :: why_not   !! of splitting schemes
 
       if (allocated(error)) return
+      call why_no_kicks(task, wide, why_not)
       associate (t => task%model%traits, scheme => task%scheme)
          if (wide%traits%ndof < t%ndof .or. wide%traits%nnoise /= t%nnoise) then
             call raise(error, wrong_shape, place, 'the model with parameters as positions has '// &
@@ -33,14 +37,17 @@ contains
          else if (.not. (wide%traits%has_hessian .or. wide%traits%has_hessian_vector)) then
             call raise(error, missing_operation, place, 'model '//wide%name//' has no Hessian and no products with '// &
                        'it, and the derivative of a step is made of them: give hessian or hessian_vector, or formulas')
+         else if (is_silent(t, wide%traits)) then
+            call refuse('a noise of model '//task%model%name//' is zero and not drawn, and a parameter changes it; '// &
+                        'give the parameter a small value')
          else if (t%forces%act()) then
             call refuse('forces act on model '//task%model%name//', whose derivatives are not symmetric')
          else if (task%newton%fixed_point > 0) then
             call refuse('a given number of iterations does not solve the equations that are differentiated')
          else if (scheme%frame /= frame_none) then
             call refuse('scheme '//scheme%name//' has a frame around its tableau')
-         else if (scheme%form == splitting_form) then
-            call refuse('scheme '//scheme%name//' is made of drifts and kicks with functionals of the path')
+         else if (len(why_not) > 0) then
+            call refuse('scheme '//scheme%name//' '//why_not)
          else if (scheme%form == ito_form) then
             call refuse('scheme '//scheme%name//' steps the Ito form, whose drift holds second derivatives')
          else if (scheme%form == galerkin_form) then
@@ -51,9 +58,12 @@ contains
             call refuse('scheme '//scheme%name//' adds a correction, whose Hessian holds third derivatives')
          else if (.not. task%damping%is_constant()) then
             call refuse('rates of damping of model '//task%model%name//' are functions')
+         else if (associated(task%damping%varying)) then
+            call refuse('model '//task%model%name//' is damped by rates that depend on position or time')
          else if (allocated(task%damping%friction)) then
             call refuse('model '//task%model%name//' is damped by a matrix of friction')
-         else if (2*t%ndof*scheme%nstage > most_unknowns .and. .not. kick_drift_fits(task)) then
+         else if (scheme%form /= splitting_form .and. 2*t%ndof*scheme%nstage > most_unknowns .and. &
+                  .not. kick_drift_fits(task, wide)) then
             call refuse('an implicit step of '//to_text(2*t%ndof*scheme%nstage)//' unknowns is solved by dense '// &
                         'matrices, of at most '//to_text(most_unknowns))
          end if
@@ -70,6 +80,16 @@ contains
 
    end subroutine require_linear
 
+   !> Whether a noise of the path is not drawn that the wide model has.
+   pure logical function is_silent(narrow, wide)
+      type(model_traits), intent(in) :: narrow, wide
+
+      is_silent = .false.
+      if (.not. allocated(narrow%silent)) return
+      is_silent = any(narrow%silent)
+      if (allocated(wide%silent)) is_silent = any(narrow%silent .and. .not. wide%silent)
+   end function is_silent
+
    !> The linearised step of a task that require_linear has accepted, for blocks of nlane lanes.
    subroutine new_linear_step(step, task, model, wide, nlane)
       class(linear_step), allocatable, intent(out) :: step
@@ -79,11 +99,16 @@ contains
       integer, intent(in) :: nlane                     !! a multiple of 8
       type(kick_drift_step), allocatable :: kicks
       type(tableau_step), allocatable :: tableau
+      type(kicks_step), allocatable :: splitting
 
-      if (kick_drift_fits(task)) then
+      if (kick_drift_fits(task, wide)) then
          allocate (kicks)
          call new_kick_drift(kicks, task, wide, nlane)
          call move_alloc(kicks, step)
+      else if (task%scheme%form == splitting_form) then
+         allocate (splitting)
+         call new_kicks_step(splitting, task, wide, nlane)
+         call move_alloc(splitting, step)
       else
          allocate (tableau)
          call new_tableau_step(tableau, task, model, wide, nlane)

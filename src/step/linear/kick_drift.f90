@@ -12,7 +12,7 @@
 !>
 !> Tangent vectors go the same way forward: dp <- dp - b_1 U_qq dq, dq <- dq + T_pp dp, dp <- dp - b_2 U_qq dq.
 !>
-!> Rows of the parameters change by the same products: a kick adds -b U_{theta q} c to u_theta, the drift T_{theta p} u.
+!> Rows of the parameters: u_theta <- u_theta - b U_{theta q} c, by the same product. T holds no parameters.
 !>
 !> Private to its family.
 module symsde_step_linear_kick_drift
@@ -35,6 +35,7 @@ module symsde_step_linear_kick_drift
       logical :: waits = .false.             !! whether the kick that began the last step is still to be done
       real(wp) :: t = 0                      !! time of the step
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
+      real(wp), allocatable, dimension(:, :) :: cq, zero         !! c, whose rows of parameters are zero, and zero
    contains
       procedure :: back
       procedure :: forth
@@ -43,16 +44,19 @@ module symsde_step_linear_kick_drift
 
 contains
 
-   !> Whether the coefficients are those of kicks around a drift, for separable models without damping or forces.
-   logical function kick_drift_fits(task)
+   !> Whether the step is kicks around a drift: by the coefficients, for models that are separable for all values of the
+   !> parameters, without damping or forces.
+   logical function kick_drift_fits(task, wide)
       type(stepper_task), intent(in) :: task
+      class(model_type), intent(in) :: wide
       real(wp) :: part(2)
 
       kick_drift_fits = .false.
       if (.not. task%is_plain() .or. task%damping%acts()) return
       call find_parts(task%scheme, part)
       associate (t => task%model%traits)
-         kick_drift_fits = sum(part) > 0 .and. t%separable .and. .not. t%forces%act() .and. &
+         kick_drift_fits = sum(part) > 0 .and. t%separable .and. wide%traits%separable .and. &
+                           .not. t%forces%act() .and. &
                            (t%autonomous .or. (t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)))
       end associate
    end function kick_drift_fits
@@ -66,7 +70,8 @@ contains
 
       part = 0
       if (scheme%is_euler_pair()) then
-         part = [scheme%abar(1, 1), scheme%a(1, 1)]
+         part(1) = scheme%abar(1, 1)
+         part(2) = scheme%a(1, 1)
       else if (scheme%nstage == 2 .and. scheme%noise_coefficients_equal()) then
          is_verlet = all(abs(scheme%alpha - half) <= 0) .and. all(abs(scheme%c - [0, 1]) <= 0) .and. &
                      all(abs(scheme%a(1, :)) <= 0) .and. all(abs(scheme%a(2, :) - half) <= 0) .and. &
@@ -87,12 +92,12 @@ contains
       self%nwide = wide%traits%ndof
       call find_parts(task%scheme, self%part)
       associate (t => task%model%traits)
-         ! a wide model that is not separable has parameters in T
-         self%by_h = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0) .and. wide%traits%separable
+         self%by_h = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
       end associate
       call new_one_step_hamiltonian(self%ham, wide, nlane, correction_none, 0.0_wp)
       allocate (self%w(nlane, 0:wide%traits%nnoise), source=0.0_wp)
       allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
+      allocate (self%cq(nlane, self%nwide), self%zero(nlane, self%nwide), source=0.0_wp)
       allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
    end subroutine new_kick_drift
 
@@ -108,7 +113,7 @@ contains
       if (self%part(2) > 0 .or. self%waits) then
          call add_weights(self, self%part(2), step%w)
          self%t = step%t + step%h
-         call kick(self, q1, p1, u, c)
+         call kick(self, q1, u, c)
          self%w = 0
       end if
       if (self%by_h) then
@@ -132,7 +137,7 @@ contains
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
 
-      if (self%waits) call kick(self, q0, p0, u, c)
+      if (self%waits) call kick(self, q0, u, c)
       self%waits = .false.
       self%w = 0
    end subroutine settle
@@ -176,10 +181,9 @@ contains
 
          if (.not. part > 0) return
          call self%load(q, p)
-         self%vp = 0
          do column = 1, m
             self%vq = vq(:, :, column)
-            call self%ham%bare_product(self%nlane, self%nlane, t, step%w, self%q, self%p, self%vq, self%vp, &
+            call self%ham%bare_product(self%nlane, self%nlane, t, step%w, self%q, self%p, self%vq, self%zero, &
                                        self%uq, self%up)
             vp(:, :, column) = vp(:, :, column) - part*self%uq(:, :self%ndof)
          end do
@@ -213,18 +217,21 @@ contains
    end subroutine add_weights
 
    !> u <- u - Hhat_qq c with the weights of the kick, at q.
-   subroutine kick(self, q, p, u, c)
+   subroutine kick(self, q, u, c)
       type(kick_drift_step), intent(inout) :: self
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(in) :: q(self%nlane, self%ndof)
       real(wp), intent(inout) :: u(self%nlane, self%nwide)
       real(wp), intent(in) :: c(self%nlane, self%ndof)
       integer :: i, lane
 
-      call self%load(q, p)
-      self%vq(:, :self%ndof) = c
-      self%vq(:, self%ndof + 1:) = 0
-      self%vp = 0
-      call self%ham%bare_product(self%nlane, self%nlane, self%t, self%w, self%q, self%p, self%vq, self%vp, &
+      do i = 1, self%ndof
+         do lane = 1, self%nlane
+            self%q(lane, i) = q(lane, i)
+            self%cq(lane, i) = c(lane, i)
+         end do
+      end do
+      ! U_qq does not depend on p, which keeps the value it had
+      call self%ham%bare_product(self%nlane, self%nlane, self%t, self%w, self%q, self%p, self%cq, self%zero, &
                                  self%uq, self%up)
       do i = 1, self%nwide
          do lane = 1, self%nlane
@@ -233,13 +240,13 @@ contains
       end do
    end subroutine kick
 
-   !> c <- c + Hhat_pp u and u_theta <- u_theta + Hhat_{theta p} u, at the momenta between the kicks.
+   !> c <- c + Hhat_pp u, at the momenta between the kicks.
    subroutine drift(self, step, q0, p0, u, c)
       type(kick_drift_step), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
-      integer :: i
+      real(wp), intent(in) :: u(self%nlane, self%nwide)
+      real(wp), intent(inout) :: c(self%nlane, self%ndof)
 
       call load_between(self, step, q0, p0)
       self%vq = 0
@@ -247,9 +254,6 @@ contains
       call self%ham%bare_product(self%nlane, self%nlane, step%t, step%w, self%q, self%p, self%vq, self%vp, &
                                  self%uq, self%up)
       c = c + self%up(:, :self%ndof)
-      do i = self%ndof + 1, self%nwide
-         u(:, i) = u(:, i) + self%uq(:, i)
-      end do
    end subroutine drift
 
 end module symsde_step_linear_kick_drift

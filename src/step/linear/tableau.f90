@@ -109,12 +109,14 @@ contains
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
+      logical :: active(self%nlane)
       integer :: j, k, l, part
 
       call linearise(self, step, q0, p0, q1, p1, status)
       call set_up(self)
       call load_covectors(self, u, c)
-      call self%solver%solve(self%matrix, self%x, status == 0, status)
+      active = status == 0
+      call self%solver%solve(self%matrix, self%x, active, status)
       ! the rows of the parameters, with u and c from behind the step
       do j = 1, self%nstage
          do part = 1, self%npart
@@ -173,6 +175,7 @@ contains
       real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
       integer(i8), intent(inout) :: status(self%nlane)
       real(wp), allocatable :: transposed(:, :, :)
+      logical :: active(self%nlane)
       integer :: j, column, part, at
 
       call linearise(self, step, q0, p0, q1, p1, status)
@@ -184,7 +187,8 @@ contains
       associate (n => self%ndof, decays => self%decays)
          do column = 1, m
             call load_tangents(self, vq(:, :, column), vp(:, :, column))
-            call self%solver%solve(transposed, self%x, status == 0, status)
+            active = status == 0
+            call self%solver%solve(transposed, self%x, active, status)
             do j = 1, n
                vp(:, j, column) = (1 + decays%loss(j))*vp(:, j, column)
             end do

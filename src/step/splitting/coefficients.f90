@@ -21,8 +21,6 @@
 !>
 !> In a sum of two products the compiler might contract either one, and a single path would differ in its bits from a
 !> path of a block. Parentheses around the second product allow only the first one to be contracted.
-!>
-!> Private to its family.
 module symsde_step_splitting_coefficients
    use symsde_base_damping, only: damping_type, noise_of_scheme, noise_polynomial
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, path_decay, pair_index

@@ -39,10 +39,28 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
             "fewer parameters at a time"
         )
     others = {f"c{k}": model.parameters[x] for k, x in enumerate(problem.parameters) if x not in wanted}
+    _require_generic(model, names)
     key = tuple(wanted)
     if key not in code.wide:
         code.wide[key] = _derived(problem, wanted, others, model.name)
     return code.wide[key].with_parameters(**others), wanted
+
+
+def _require_generic(model: Model, names: Sequence[str]) -> None:
+    """Refuse values of parameters at which the Hamiltonians have traits that they lose beside them: steps are chosen
+    by traits, and so would the derivative be.
+    """
+    special = [name for name in names if np.ndim(model.parameters[name]) == 0 and model.parameters[name] in (0, 1, -1)]
+    if not special:
+        return
+    beside = model.with_parameters(**{name: model.parameters[name] + 0.1357 for name in special}).traits
+    for trait in ("separable", "additive", "position_noise", "silent"):
+        if getattr(beside, trait) != getattr(model.traits, trait):
+            told = ", ".join(f"{name} = {model.parameters[name]:g}" for name in special)
+            raise IncompatibleError(
+                f"model {model.name} has traits at {told} ({trait}) that it loses beside it, and steps are chosen by "
+                f"traits: give a value nearby, as {special[0]} = {model.parameters[special[0]] + 1e-6:g}"
+            )
 
 
 def _derived(problem: Problem, wanted: list[str], others: dict[str, float], name: str) -> FormulaModel:

@@ -1,0 +1,197 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Drifts and kicks of a splitting scheme (scheme/kicks) with noise in position, H = p.M^-1 p/2 + U(q), and their
+!> transposed maps in the reverse order:
+!>
+!>    x <- x + tau_i M^-1 y           c <- c + tau_i M^-1 u
+!>    y <- y - f_i(x)                 u <- u - f_i,x c,          f_i = grad(b_i h U + sum_k w_ik H_k)
+!>
+!> for i = 1 .. s, and a last drift. The points x_i of the kicks are found again from the state before the step. Weights
+!> are those of the forward step (step/splitting/coefficients), with dZ and K of the path. Kicks that add products of
+!> gradients are not among these.
+!>
+!> Private to its family.
+module symsde_step_linear_kicks
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_kicks, only: flow_free
+   use symsde_scheme_scheme, only: correction_none, splitting_form
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_linear_linear_step, only: linear_step
+   use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
+   use symsde_step_stepper, only: stepper_task
+   implicit none
+   private
+   public :: kicks_step, new_kicks_step, why_no_kicks
+
+   type, extends(linear_step) :: kicks_step
+      private
+      type(kick_weights) :: weights
+      real(wp), allocatable :: tau(:)        !! drifts before each kick and behind the last, as parts of the step
+      logical :: by_h = .false.              !! the mass is the identity
+      real(wp), allocatable :: w(:, :)       !! weights of a drift: tau and zero (nlane, 0:nnoise)
+      real(wp), allocatable :: x(:, :, :)    !! points of the kicks (nlane, ndof, nkick)
+      real(wp), allocatable, dimension(:, :) :: y                !! momenta within the step (nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
+   contains
+      procedure :: back
+      procedure :: forth
+   end type kicks_step
+
+contains
+
+   !> Why a splitting scheme has no linearised step here; empty if it has.
+   subroutine why_no_kicks(task, wide, why)
+      type(stepper_task), intent(in) :: task
+      class(model_type), intent(in) :: wide
+      character(:), allocatable, intent(out) :: why
+      type(kick_weights) :: weights
+
+      why = ''
+      if (task%scheme%form /= splitting_form) return
+      if (task%scheme%kicks%flow /= flow_free) then
+         why = 'has rotations or midpoint steps between its kicks'
+      else if (task%damping%acts()) then
+         why = 'has drifts that decay'
+      else if (.not. (wide%traits%separable .and. wide%traits%position_noise)) then
+         why = 'has drifts that a parameter of the kinetic energy changes'
+      else
+         call new_kick_weights(weights, task%scheme%kicks, task%model%traits, task%damping, task%damping_noise, 8)
+         if (any(weights%has_products)) why = 'adds products of gradients to its kicks'
+      end if
+   end subroutine why_no_kicks
+
+   !> Make the linearised step for blocks of nlane lanes.
+   subroutine new_kicks_step(self, task, wide, nlane)
+      type(kicks_step), intent(out) :: self
+      type(stepper_task), intent(in) :: task
+      class(model_type), intent(in), target :: wide
+      integer, intent(in) :: nlane
+      integer :: i, n
+
+      n = task%model%traits%ndof
+      self%nlane = nlane
+      self%ndof = n
+      self%nwide = wide%traits%ndof
+      self%by_h = task%model%traits%identity_mass
+      call new_kick_weights(self%weights, task%scheme%kicks, task%model%traits, task%damping, task%damping_noise, nlane)
+      associate (c => task%scheme%kicks%c)
+         allocate (self%tau(size(c) + 1))
+         self%tau(1) = c(1)
+         do i = 2, size(c)
+            self%tau(i) = c(i) - c(i - 1)
+         end do
+         self%tau(size(c) + 1) = 1 - c(size(c))
+         allocate (self%x(nlane, n, size(c)))
+      end associate
+      call new_one_step_hamiltonian(self%ham, wide, nlane, correction_none, 0.0_wp)
+      allocate (self%w(nlane, 0:wide%traits%nnoise), source=0.0_wp)
+      allocate (self%y(nlane, n))
+      allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
+      allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
+   end subroutine new_kicks_step
+
+   subroutine back(self, step, q0, p0, q1, p1, u, c, status)
+      class(kicks_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      integer(i8), intent(inout) :: status(self%nlane)
+      integer :: i, last
+
+      call find_points(self, step, q0, p0)
+      last = size(self%tau)
+      call drift(self, step, self%tau(last), u(:, :self%ndof), c)
+      do i = last - 1, 1, -1
+         self%vq(:, :self%ndof) = c
+         self%vq(:, self%ndof + 1:) = 0
+         call product_at(self, step, i)
+         u = u - self%uq
+         call drift(self, step, self%tau(i), u(:, :self%ndof), c)
+      end do
+   end subroutine back
+
+   subroutine forth(self, step, q0, p0, q1, p1, m, vq, vp, status)
+      class(kicks_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+      integer, intent(in) :: m
+      real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+      integer(i8), intent(inout) :: status(self%nlane)
+      integer :: i, j
+
+      call find_points(self, step, q0, p0)
+      do j = 1, m
+         do i = 1, size(self%tau)
+            call drift(self, step, self%tau(i), vp(:, :, j), vq(:, :self%ndof, j))
+            if (i == size(self%tau)) exit
+            self%vq = vq(:, :, j)
+            call product_at(self, step, i)
+            vp(:, :, j) = vp(:, :, j) - self%uq(:, :self%ndof)
+         end do
+      end do
+   end subroutine forth
+
+   !> The points of the kicks.
+   subroutine find_points(self, step, q0, p0)
+      type(kicks_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      integer :: i
+
+      call self%weights%weigh(self%nlane, step)
+      self%y = p0
+      do i = 1, size(self%tau) - 1
+         if (i == 1) self%x(:, :, i) = q0
+         if (i > 1) self%x(:, :, i) = self%x(:, :, i - 1)
+         call drift(self, step, self%tau(i), self%y, self%x(:, :, i))
+         self%q(:, :self%ndof) = self%x(:, :, i)
+         call self%ham%bare_gradient(self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, self%p, &
+                                     hq=self%uq)
+         self%y = self%y - self%uq(:, :self%ndof)
+      end do
+   end subroutine find_points
+
+   !> The second derivative of kick i times vq.
+   subroutine product_at(self, step, i)
+      type(kicks_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      integer, intent(in) :: i
+
+      self%q(:, :self%ndof) = self%x(:, :, i)
+      self%vp = 0
+      call self%ham%bare_product(self%nlane, self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, &
+                                 self%p, self%vq, self%vp, self%uq, self%up)
+   end subroutine product_at
+
+   !> to <- to + tau M^-1 v: of points by momenta, of tangent vectors, and of covectors by those of q.
+   subroutine drift(self, step, tau, v, to)
+      type(kicks_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: tau                 !! as a part of the step
+      real(wp), intent(in) :: v(:, :)             !! (nlane, ndof)
+      real(wp), intent(inout) :: to(:, :)         !! (nlane, ndof)
+
+      if (.not. abs(tau) > 0) return
+      if (self%by_h) then
+         to = to + (tau*step%h)*v
+      else  ! M^-1 v is H_p at the momentum v, since M is constant
+         self%w(:, 0) = tau*step%h
+         self%p(:, :self%ndof) = v
+         call self%ham%bare_gradient(self%nlane, step%t, self%w, self%q, self%p, hp=self%up)
+         self%p = 0
+         to = to + self%up(:, :self%ndof)
+      end if
+   end subroutine drift
+
+   pure real(wp) function time_of(self, step, i)
+      type(kicks_step), intent(in) :: self
+      type(step_record), intent(in) :: step
+      integer, intent(in) :: i   !! kick
+
+      time_of = step%t + self%weights%kicks%c(i)*step%h
+   end function time_of
+
+end module symsde_step_linear_kicks
