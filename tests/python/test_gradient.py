@@ -273,7 +273,7 @@ def test_refused_inputs():
         ss.gradient(pendulum(), "q", **run, compensated=True)
     with pytest.raises(IncompatibleError, match="iterations"):
         ss.gradient(pendulum(), "q", **RUN, scheme="midpoint", fixed_point=2)
-    for damping, words in (([[0.5]], "matrix of friction"), (lambda q: 0.1 + q**2, "position or time")):
+    for damping, words in (([[0.5]], "matrix of friction"), (lambda q: 0.1 + q**2, "are functions")):
         with pytest.raises(IncompatibleError, match=words):
             ss.gradient(pendulum().damped(damping), "q", **RUN, scheme="midpoint")
     forced = pendulum().forced(force=lambda q, p, t: -p)

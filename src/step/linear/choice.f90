@@ -58,8 +58,6 @@ contains
             call refuse('scheme '//scheme%name//' adds a correction, whose Hessian holds third derivatives')
          else if (.not. task%damping%is_constant()) then
             call refuse('rates of damping of model '//task%model%name//' are functions')
-         else if (associated(task%damping%varying)) then
-            call refuse('model '//task%model%name//' is damped by rates that depend on position or time')
          else if (allocated(task%damping%friction)) then
             call refuse('model '//task%model%name//' is damped by a matrix of friction')
          else if (scheme%form /= splitting_form .and. 2*t%ndof*scheme%nstage > most_unknowns .and. &
