@@ -77,6 +77,7 @@ def bath_law(
     - friction: "damping", of ``model.damped``, or "force", F = -gamma p of ``model.forced``, [WHSB] (16)-(17)
 
     IncompatibleError: the scheme does not run such models, or its steps have no stationary law at this h omega.
+    UnknownNameError: another name of friction.
     """
     checks.choice("friction", friction, list(_FRICTION))
     chosen = as_scheme(scheme)
