@@ -52,7 +52,9 @@ contains
          if (.not. varying%of_position) then
             call compare('depends on time alone, and its rates change with position')
          else if (code == 0) then
-            rate = spread(rate(2, :), 1, nlane)
+            do i = 1, n
+               rate(:, i) = rate(2, i)
+            end do
             call compare('is computed lane by lane, and it mixes lanes')
          end if
       end associate

@@ -133,7 +133,7 @@ contains
       real(wp), intent(in) :: t, tau
       real(wp), intent(in), dimension(nlane, ndof) :: x, v, p
       real(wp), intent(inout), dimension(nlane, ndof) :: dq, dp
-      real(wp) :: g, reach, loss
+      real(wp) :: g, reach, loss, rate(size(node))
       integer :: i, k, code
 
       call self%integrate(t, tau, nlane, ndof, x, code)
@@ -143,7 +143,9 @@ contains
          if (k == i) then
             ! all lanes have the same rates
             g = self%total(1, k)
-            reach = tau*decay_integral(1.0_wp, g) + tau*change(self%rate(1, k, :)*tau, g)
+            rate = self%rate(1, k, :)
+            rate = tau*rate
+            reach = tau*decay_integral(1.0_wp, g) + tau*change(rate, g)
             loss = decay_less_one(g)
          end if
          call add_times(nlane, reach, v(:, i), dq(:, i))
