@@ -92,7 +92,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       integer(i8), intent(in) :: npath   !! paths or points
 
-      ! The square of the unknowns, over 16, replaces the degrees of freedom, because a lane takes so much longer.
+      ! lanes_for is given unknowns^2/16 in place of degrees of freedom: a lane's cost grows with that square.
       nlane = lanes_for(int(min(real(count_unknowns(model, scheme), wp)**2/16 + 1, 1e6_wp)), npath)
    end function lanes_of_diagnosis
 

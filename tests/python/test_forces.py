@@ -455,7 +455,7 @@ def test_forces_may_vanish_where_a_run_begins():
 
 
 def test_no_force_is_the_model_itself():
-    """Forces of zero change no bit of a general step, and removing them gives the model again."""
+    """With a force that is zero a general step gives the same positions to 1e-15."""
     model = ss.models.kubo()
     run = {"scheme": "symplectic_euler", "q0": 1.0, "p0": 0.2, "step": 0.1, "steps": 10, "paths": 9, "general": True}
     free, zero = ss.simulate(model, **run), ss.simulate(model.forced(lambda q, p, t: 0 * q), **run)

@@ -176,7 +176,7 @@ def test_a_part_that_is_taken_before_it_is_locked(is_over, tmp_path, monkeypatch
 
 
 def test_locks_that_nobody_can_have(tmp_path, monkeypatch):
-    """An error of the file system on every lock is reported, not waited for."""
+    """If somebody else holds the lock of every new folder, writing fails after some attempts, and does not wait."""
     monkeypatch.setattr(parts, "_locked", lambda _: False)
     with pytest.raises(ss.errors.NotWrittenError, match=r"name cannot be written: locks in .* held by somebody"):
         files.replace(tmp_path / "name", lambda part: part.write_text("whole"))

@@ -284,7 +284,7 @@ class Model:
         return made.damped(self.damping, allow_gain=True) if self.damping else made
 
     def _require_own_friction(self) -> None:
-        """Refuse other parameters where the friction was found from noises and masses of these."""
+        """Refuse to change parameters if the friction was computed from the noises and masses of the present ones."""
         if self._fluctuating:
             raise IncompatibleError(
                 f"the friction of model {self.name} belongs to its noises and masses, and so to these parameters: "

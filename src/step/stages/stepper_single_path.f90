@@ -56,7 +56,8 @@ module symsde_step_stages_stepper_single_path
 
       logical :: taken
 
-      ! Sweeps ahead may exist if only the F are unknown, without a mass to divide by and without a C.
+      ! Sweeps ahead exist at most where momenta are eliminated, M is the identity, and Hhat_p is h p alone (C = 0 in
+      ! step/stages/equations).
       if (allocated(self%equations%ahead)) then
          ! Nothing is counted if these sweeps do not finish the step.
          call self%equations%ahead%take(self%ham, self%equations%shift, step, too_stiff_for(self), q, p, dq, &
