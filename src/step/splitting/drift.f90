@@ -122,6 +122,7 @@ contains
       real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
+      real(wp) :: g_less_one, sine, sine_over
       integer :: i
 
       if (allocated(self%coupled)) then
@@ -132,8 +133,11 @@ contains
       if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
       do i = 1, ndof
          if (allocated(self%rate)) then
-            call rotate_and_decay(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
-                                  self%cosine_less_one(i, leg) - self%rate(i)*self%sine_over(i, leg), &
+            ! local numbers, which no store of a lane can change
+            g_less_one = self%cosine_less_one(i, leg)
+            sine = self%sine(i, leg)
+            sine_over = self%sine_over(i, leg)
+            call rotate_and_decay(nlane, g_less_one, sine, sine_over, g_less_one - self%rate(i)*sine_over, &
                                   q(:, i), p(:, i), dq(:, i), dp(:, i))
          else
             call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
