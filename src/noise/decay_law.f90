@@ -100,7 +100,12 @@ contains
       d(5) = third_root(y)/sqrt(8.0_wp)
       d = d/third_root(2*y)
       ! Back in time the factors of growth cancel, but the halves exchange their roles.
-      if (z < 0) d = [d(1), -d(2), d(3), d(5), d(4)]
+      if (z < 0) then
+         d(2) = -d(2)
+         y = d(4)
+         d(4) = d(5)
+         d(5) = y
+      end if
    end function decay_direction
 
    !> phi(s h)/h = (1 - exp(-s z))/z, without cancellation; s where z is zero.

@@ -111,7 +111,8 @@ contains
       real(wp), intent(in), optional :: xi(nlane, nnoise)  !! normals of variance one
       real(wp) :: d(4)
 
-      d = length*decay_path(rate*length)
+      d = decay_path(rate*length)
+      d = length*d
       x = 0
       call add_known(nlane*nnoise, d(:3), w, hh, kk, x)
       if (present(xi)) call add_times(nlane*nnoise, d(4)*sqrt(abs(length)), xi, x)
@@ -241,9 +242,10 @@ contains
 
       if (allocated(step%of(path_decay)%x)) then
          ! Take from D what dW, H and K determine of it, which the truncated ones add again below.
-         d = step%length*decay_path(step%rate*step%length)
+         d = decay_path(step%rate*step%length)
+         d = -step%length*d
          hh = step%of(path_dz)%x/step%length - 0.5_wp*step%w
-         call add_known(nlane*nnoise, -d(:3), step%w, hh, step%of(path_stt_area)%x, step%of(path_decay)%x)
+         call add_known(nlane*nnoise, d(:3), step%w, hh, step%of(path_stt_area)%x, step%of(path_decay)%x)
       end if
       do k = 1, nnoise
          ! Take H from dW and dZ as drawn, and compute dZ again from the truncated dW and H.
@@ -264,6 +266,7 @@ contains
       if (allocated(step%of(path_magnus)%x)) &
          call clip_increments(size(step%of(path_magnus)%x), 0.5_wp*abs(step%length)*bound**2, step%of(path_magnus)%x)
       if (.not. allocated(step%of(path_decay)%x)) return
+      d = -d
       call clip_increments(size(step%of(path_decay)%x), abs(d(4))*bound, step%of(path_decay)%x)
       hh = step%of(path_dz)%x/step%length - 0.5_wp*step%w
       call add_known(nlane*nnoise, d(:3), step%w, hh, step%of(path_stt_area)%x, step%of(path_decay)%x)
