@@ -162,6 +162,77 @@ def test_wrong_corrections_are_refused(monkeypatch, scheme):
         ss.simulate(model("kubo"), scheme=scheme, **{**RUN, "correction": "auto"}, steps=3)
 
 
+KICKED = {  # H, noises, schemes of kicks with generated steps
+    "well": ("p**2/2 + q**4/4 - a*q**2/2", ["b*q"], ("gauss_dkdkd", "verlet_kdk")),
+    "two noises": ("p**2/3 + q**4/4", ["b*q", "a*q**2/2"], ("gauss_dkdkd",)),
+    "angle": ("p**2/2 - a*cos(q)", ["b*sin(q)"], ("gauss_dkdkd",)),
+    "coupled": (
+        "(p1**2 + a*p1*p2 + p2**2)/2 + q1**2*q2 + q1**2 + q2**2",
+        ["b*q1", "q2"],
+        ("gauss_dkdkd", "verlet_kdk"),
+    ),
+    "of three": (f"{KINETIC} + exp(q1 - q2) + exp(q2 - q3) + exp(q3 - q1)", ["b*q1*q2"], ("gauss_dkdkd",)),
+    "in momenta": ("p**2/2 + cos(q)", ["b*p"], ()),
+    "closed": ("p**2/2 + cos(q)", [], ()),
+}
+KICKS = [(name, scheme) for name, (*_, schemes) in KICKED.items() for scheme in schemes]
+
+
+def kicked(name: str) -> ss.Model:
+    H, noise, _ = KICKED[name]
+    return ss.model_from_sympy(H, noise, params=PARAMS)
+
+
+@pytest.mark.parametrize("rate", [0.0, 8.0, -1.0])
+@pytest.mark.parametrize(("name", "scheme"), KICKS)
+def test_kicks_are_those_of_the_general_stepper(name, scheme, rate):
+    """Closed and damped: equal to rounding, with the bits of blocks in single paths, small blocks and single steps."""
+    mine = kicked(name).damped(rate, allow_gain=True)
+    run = {**RUN, "scheme": scheme, "steps": 130}
+    whole, plain = (ss.simulate(mine, **run, paths=131, general=g) for g in (False, True))
+    assert whole.report.stepper == f"whole steps of {scheme} by the model" + (", damped" if rate else "")
+    for x, y in ((whole.q[:38], plain.q[:38]), (whole.p[:38], plain.p[:38])):
+        np.testing.assert_allclose(x, y, rtol=0, atol=60 * np.spacing(np.abs(y).max()))
+    for paths, first, how in (
+        (1, 130, {}),
+        (1, 0, {"save_every": 65}),
+        (3, 128, {"save_every": 13}),
+        (20, 100, {"lanes": 8}),
+    ):
+        other = ss.simulate(mine, **run, paths=paths, first_path=first, **how)
+        np.testing.assert_array_equal(other.q[-1], whole.q[-1, :, first : first + paths])
+        np.testing.assert_array_equal(other.p[-1], whole.p[-1, :, first : first + paths])
+
+
+@pytest.mark.parametrize("name", KICKED)
+def test_which_kicks_are_generated(name):
+    """Not with noise in momenta, nor where products of gradients of noises belong to a kick."""
+    source = kicked(name).formula.source
+    assert tuple(s for s in emit_flow.KICKS if f"formula_flow_{s}(" in source) == KICKED[name][-1]
+
+
+CHANGES = {  # of the text of kicks, by one per cent, and who has them
+    ("{0.5, 0.5, 1.73", "{0.5, 0.5, 1.75"): ("angle", "gauss_dkdkd", 0.0),
+    ("{0.5, 0.5, 1, ", "{0.5, 0.5, 1.01, "): ("well", "verlet_kdk", 0.0),
+    ("0.211324", "0.213324"): ("angle", "gauss_dkdkd", 0.0),
+    ("-0.5 * dw", "-0.505 * dw"): ("angle", "gauss_dkdkd", 8.0),
+    ("-f.leg[i] / z", "-1.01 * f.leg[i] / z"): ("angle", "gauss_dkdkd", 8.0),
+    ("f.leg[i] = expm1", "f.leg[i] = 1.01 * expm1"): ("well", "verlet_kdk", 8.0),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=lambda x: x[0])
+@pytest.mark.usefixtures("quick_compiler")
+def test_wrong_kicks_are_refused(monkeypatch, change):
+    """The twin: coefficients one per cent off."""
+    name, scheme, rate = CHANGES[change]
+    source = emit_flow.source
+    monkeypatch.setattr(emit_flow, "source", lambda made, **how: source(made, **how).replace(*change))
+    mine = kicked(name).damped(rate)
+    with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
+        ss.simulate(mine, scheme=scheme, **RUN, steps=3)
+
+
 LOSSES = {  # text of the damped steps, what makes it wrong by one per cent, and the schemes that it decays in
     ("0.5 * part, fade.whole", "0.505 * part, fade.whole"): ("stormer_verlet",),
     ("{expm1(-z)", "{1.01 * expm1(-z)"): (*ALL[:3], "gauss2"),

@@ -112,8 +112,8 @@ class Model:
     else. Before the run these steps are compared with the library's own, and refused if they differ.
 
     ``any_lanes`` says that the results of a lane have the same bits for any number of lanes. The functions are then
-    called with the paths alone, without lanes that fill a vector. This makes one path eight times as fast. numba
-    functions are checked automatically (no fastmath, no SVML); for others, declare it.
+    called with the paths alone, without lanes that fill a vector (whole steps: with a single path). This makes one path
+    eight times as fast. numba functions are checked automatically (no fastmath, no SVML); for others, declare it.
 
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0, and touches a
     list of numbers i = 1 .. ndof for each noise, as in [[1], [2], [2, 3]]. With it schemes form nothing over pairs of

@@ -144,7 +144,7 @@ contains
       has_flow = self%flows%place_of(map) > 0
    end function has_flow
 
-   !> Whole steps; only of the real lanes if the user's functions accept any number of lanes.
+   !> Whole steps.
    subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(callback_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -156,13 +156,11 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
       type(lane_call) :: now
-      integer :: nlane
       integer(i4) :: code
 
-      nlane = merge(steps%nreal, steps%nlane, self%traits%any_lanes)
       now%user = self%user
-      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
-      call self%flows%take(map, steps, ndof, nlane, now%user, q, p, qn, pn, status, code)
+      if (self%parameters%act) call self%parameters%enter(self%paths, steps%nlane, self%user, now)
+      call self%flows%take(map, steps, ndof, now%user, q, p, qn, pn, status, code)
       if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)

@@ -29,10 +29,6 @@ module symsde_model_user_callback_flow
       procedure :: take
    end type user_flows
 
-   type :: functional_buffer
-      real(wp), allocatable :: x(:, :, :)
-   end type functional_buffer
-
    abstract interface
       !> Whole steps of a user's model by one map, see model_type%flow.
       function flow_callback(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, &
@@ -43,7 +39,7 @@ module symsde_model_user_callback_flow
          integer(c_int), value :: max_iter                 !! bound on iterations of a solver in a step
          real(c_double), value :: t, h !! time at which the first step begins; the step with its sign
          real(c_double), intent(in) :: w(nlane, nham, nstep)
-         !> Each (nlane, columns, nstep), or NULL; behind them gamma h of damped steps, else NULL.
+         !> Each (nlane, columns, nstep), or NULL; behind them decays of damped steps, else NULL.
          type(c_ptr), intent(in) :: functionals(nfunctional + 1)
          real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(c_double), intent(out) :: qn(nlane, ndof, nstep/every), pn(nlane, ndof, nstep/every)
@@ -93,75 +89,37 @@ contains
       end do
    end function place_of
 
-   !> Take the steps of a map that has a function, in the first n lanes; further lanes repeat lane n.
-   subroutine take(self, map, steps, ndof, n, user, q, p, qn, pn, status, code)
+   !> Take the steps of a map that has a function, in all lanes: padding of a block costs less than copies without it.
+   subroutine take(self, map, steps, ndof, user, q, p, qn, pn, status, code)
       class(user_flows), intent(in) :: self
       type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
-      integer, intent(in) :: ndof, n
+      integer, intent(in) :: ndof
       type(c_ptr), intent(in) :: user
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
       real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
       real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(steps%nlane)
       integer(i4), intent(out) :: code
-      real(wp), allocatable :: few_q(:, :), few_p(:, :), xq(:, :, :), xp(:, :, :)
-      integer :: i, lane
-
-      i = self%place_of(map)
-      if (n == steps%nlane) then
-         call take_lanes(self%slots(i), n, ndof, steps, user, q, p, qn, pn, status, code)
-         return
-      end if
-      few_q = q(:n, :)
-      few_p = p(:n, :)
-      allocate (xq(n, ndof, size(qn, 3)), xp(n, ndof, size(pn, 3)))
-      call take_lanes(self%slots(i), n, ndof, steps, user, few_q, few_p, xq, xp, status(:n), code)
-      qn(:n, :, :) = xq
-      pn(:n, :, :) = xp
-      do lane = n + 1, steps%nlane
-         qn(lane, :, :) = xq(n, :, :)
-         pn(lane, :, :) = xp(n, :, :)
-      end do
-   end subroutine take
-
-   !> Call the user's function once.
-   subroutine take_lanes(slot, n, ndof, steps, user, q, p, qn, pn, status, code)
-      type(flow_slot), intent(in) :: slot
-      integer, intent(in) :: n, ndof
-      type(steps_record), intent(in) :: steps
-      type(c_ptr), intent(in) :: user
-      real(wp), intent(in) :: q(n, ndof), p(n, ndof)
-      real(wp), intent(out) :: qn(n, ndof, steps%nstep/steps%every), pn(n, ndof, steps%nstep/steps%every)
-      integer(i8), intent(inout) :: status(n)
-      integer(i4), intent(out) :: code
-      type(functional_buffer), target :: real_ones(nfunctional)
-      real(wp), contiguous, pointer :: w(:, :, :)
-      real(wp), allocatable :: few_w(:, :, :)
-      real(wp), target :: z
+      real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :)
+      real(wp), target :: decays(5)
       type(c_ptr) :: functionals(nfunctional + 1)
       integer :: f
 
       call spoil(size(qn), qn, pn)
       functionals = c_null_ptr
       do f = 1, nfunctional
-         if (.not. associated(steps%of(f)%x)) cycle
-         real_ones(f)%x = steps%of(f)%x(:n, :, :)
-         if (size(real_ones(f)%x) > 0) functionals(f) = c_loc(real_ones(f)%x)
+         x => steps%of(f)%x  ! contiguous, which gfortran 12 does not recognise for a component
+         if (.not. associated(x)) cycle
+         if (size(x) > 0) functionals(f) = c_loc(x)
       end do
-      z = steps%decays%z
-      if (slot%map%damped) functionals(nfunctional + 1) = c_loc(z)
+      decays = [steps%decays%z, steps%decays%beta, steps%decays%gamma]
+      if (map%damped) functionals(nfunctional + 1) = c_loc(decays)
+      w => steps%w
       associate (s => steps)
-         if (n == s%nlane) then
-            w => s%w  ! contiguous, which gfortran 12 does not recognise for a component
-            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, w, functionals, q, p, &
-                             qn, pn, status, user)
-         else
-            few_w = s%w(:n, :, :)
-            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, few_w, functionals, q, p, &
-                             qn, pn, status, user)
-         end if
+         code = self%slots(self%place_of(map))%take(s%nlane, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, &
+                                                    s%h, w, functionals, q, p, qn, pn, status, user)
       end associate
-   end subroutine take_lanes
+   end subroutine take
 
 end module symsde_model_user_callback_flow

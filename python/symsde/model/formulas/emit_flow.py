@@ -18,6 +18,8 @@ MAX_DOF = 4
 MAX_OPERATIONS = 400  #: most operations of gradient and Hessian: above, calls take a small part of the time
 OF_FUNCTION = 20  #: operations that an elementary function counts as, since it is inlined in every place
 STRIP = 128  #: number of lanes whose states stay in the nearest cache
+KICKS = ("gauss_dkdkd", "verlet_kdk")
+MAX_NOISES = 8  #: most noises of steps by kicks, whose weights are kept for a group of steps
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 CORRECTED = "_corrected"  #: suffix of the name of a corrected scheme of the Euler pair
 DAMPED = ", damped"  #: end of the library's name of steps whose momenta decay
@@ -27,11 +29,11 @@ HEAD = """
 #include <string.h>
 enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
 #define DAMPED {damped}
+enum {{ GAMMA_H = 5 }}; /* place of gamma h behind functionals */
 #if DAMPED
 #define FADE_IN , const fading fade
 #define FADE , fade
 #define FADE_OF(functionals) const fading fade = fade_of(functionals[GAMMA_H][0])
-enum {{ GAMMA_H = 5 }}; /* place of gamma h behind functionals */
 #else
 #define FADE_IN
 #define FADE
@@ -70,7 +72,18 @@ def flows(made: Derivatives) -> list[str]:
         schemes.append("midpoint")
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
-    return schemes
+    return [*schemes, *(_kicks(made) if separable else [])]
+
+
+def _kicks(made: Derivatives) -> list[str]:
+    """The schemes of kicks between drifts: for noise in position and a constant mass. With noise that is not additive
+    verlet_kdk would have products of gradients. Parameters of each path stand where weights of kicks do not."""
+    leaves, problem = _leaves(made, ["hp"]), made.problem
+    moved = any(leaf[0] == "w" and leaf != "w0" for leaf in leaves)
+    if moved or not _glides(made) or problem.by_path or not 0 < problem.nnoise <= MAX_NOISES:
+        return []
+    noise = made.noise_block(BLOCKS["hqq"])
+    return [x for x in KICKS if x != "verlet_kdk" or all(made.graph.is_number(node, 0.0) for node in noise)]
 
 
 def named(scheme: str, *, damped: bool = False) -> str:
@@ -133,21 +146,23 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
     elif "gauss2" in schemes:
         parts += [_elimination("eliminate_both", 2 * made.problem.ndof)] if made.problem.ndof > 1 else []
         parts.append(_text("gauss2") + (_text("gauss2_swept") if _sweeps(made) else ""))
+    parts += [_text("kicks")] if set(KICKS).intersection(schemes) else []
     newton = [x for x in schemes if x in ("midpoint", "gauss2") and not _is_quadratic(made)]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:
-        how = _text("closed")
+        how = _text("closed") + (_text("kicked") if scheme in KICKS else _text("closed_strip"))
         if scheme in newton:
             swept = scheme == "gauss2" and _sweeps(made)
             how = _text("newton") + (_text("sweeps") if swept else "")
             how += _text("strip").replace("PASS", "swept_" if swept else "")
         unknowns = made.problem.ndof * (4 if scheme == "gauss2" else 1 if eliminated else 2)
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
-        kept = "KEPT" if scheme == "stormer_verlet" else "0"
+        kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
         sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
+        sizes += f"#define STEP_WIDTH {2 if scheme in KICKS else 1}\n"
         sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
         sizes += f"#define STEP_LINEAR {int(rotates and scheme in ('midpoint', 'gauss2'))}\n"
-        parts.append((sizes + how + _text("call")).replace("STEP", scheme))
+        parts.append((sizes + how + ("" if scheme in KICKS else _text("call"))).replace("STEP", scheme))
     return "\n".join(parts)
 
 

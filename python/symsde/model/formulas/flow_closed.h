@@ -79,27 +79,10 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 
 /* Steps from x to y; if lanes may be far, x and y are different arrays, so that steps can be repeated. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
-   const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, NHAM, w, 1, c, h FADE, x, y)
+   const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, STEP_WIDTH * NHAM, w, 1, c, h FADE, x, y)
                           : lanes == 1     ? STEP_alone(steps, stride, LANE_OF, x, y)
                           : steps == GROUP ? STEP_in_lanes(lanes, GROUP, stride, LANE_OF, x, y, 0)
                                            : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);
    if (MAY_BE_FAR && beyond < 0)
       STEP_far(lanes, steps, stride, LANE_OF, x, y);
-}
-
-static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN, double *x,
-                       int64_t *restrict status) {
-   (void)max_iter, (void)status;
-   double other[MAY_BE_FAR ? STEP_ROWS * STRIP : 1], *from = x, *to = MAY_BE_FAR ? other : x;
-   for (int left = nstep; left > 0;) {
-      const int some = lanes == 1 ? left : left >= GROUP ? GROUP : 1;
-      STEP_several(lanes, some, stride, LANE_OF, from, to);
-      left -= some;
-      w += some * stride;
-      double *const swap = from;
-      from = to;
-      to = swap;
-   }
-   if (from != x)
-      memcpy(x, from, sizeof other);
 }

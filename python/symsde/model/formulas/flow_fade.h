@@ -7,6 +7,7 @@
  * Sweeps begin with momenta that have lost the part e_i = sum_j a_ij d_j/c_i, and end with momenta that have lost the
  * part (d_1 + d_2)/2. */
 typedef struct {
+   double leg[3], reach[3];                      /* drifts between kicks, leg_of of the step */
    double whole, half, d[2], a[2][2], b[2];      /* steps */
    double e[2], s[2][2], v[2], mean;             /* sweeps */
    double trace, det, v_1[2], v_c[2], b_1[2], b_d[2], b_c[2]; /* linear equations */
@@ -21,7 +22,12 @@ static void fade_row(const double y[2], const double m[2][2], const double trace
 }
 
 static fading fade_of(const double z) {
-   fading f = {expm1(-z), expm1(-0.5 * z)};
+   const double legs[3] = {gauss2_c[0], gauss2_c[1] - gauss2_c[0], 1};
+   fading f = {.whole = expm1(-z), .half = expm1(-0.5 * z)};
+   for (int i = 0; i < 3; i++) {
+      f.leg[i] = expm1(-legs[i] * z);
+      f.reach[i] = z == 0 ? legs[i] : -f.leg[i] / z;
+   }
    for (int i = 0; i < 2; i++) {
       f.d[i] = expm1(-gauss2_c[i] * z);
       f.b[i] = 0.5 * exp(-gauss2_c[1 - i] * z);

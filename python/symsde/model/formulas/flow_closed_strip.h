@@ -1,0 +1,17 @@
+
+static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN, double *x,
+                       int64_t *restrict status) {
+   (void)max_iter, (void)status;
+   double other[MAY_BE_FAR ? STEP_ROWS * STRIP : 1], *from = x, *to = MAY_BE_FAR ? other : x;
+   for (int left = nstep; left > 0;) {
+      const int some = lanes == 1 ? left : left >= GROUP ? GROUP : 1;
+      STEP_several(lanes, some, stride, LANE_OF, from, to);
+      left -= some;
+      w += some * stride;
+      double *const swap = from;
+      from = to;
+      to = swap;
+   }
+   if (from != x)
+      memcpy(x, from, sizeof other);
+}

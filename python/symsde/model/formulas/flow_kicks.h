@@ -1,0 +1,45 @@
+
+/* Kicks between drifts, noise in position (src/scheme/kicks.f90): w holds the weights of both kicks, one after the other,
+ * and a kick has half of the potential. Damped, a drift over the part c of a step moves by (1 - exp(-c z))/z of it. */
+enum { KICKS = 2 };
+static const double gauss_dkdkd_law[4] = {0.5, 0.5, 1.7320508075688772, -1.7320508075688772};
+static const double verlet_kdk_law[4] = {0.5, 0.5, 1, -1};
+static const double leg_of[3] = {0.21132486540518711, 0.57735026918962577, 1};
+
+INLINE leap(LANE_IN, state *s, const int leg, const int far) {
+#if DAMPED
+   const int64_t beyond = drift(LANE_OF, s, fade.reach[leg], far);
+   lose(fade.leg[leg], s);
+   return beyond;
+#else
+   return drift(LANE_OF, s, leg_of[leg], far);
+#endif
+}
+
+INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
+   int64_t beyond = leap(LANE_OF, s, 0, far);
+   beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
+   beyond |= leap(LANE_OF, s, 1, far);
+   beyond |= kick(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+   return beyond | leap(LANE_OF, s, 0, far);
+}
+
+INLINE verlet_kdk(LANE_IN, state *s, const int far) {
+   int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
+   beyond |= leap(LANE_OF, s, 2, far);
+   beyond |= places(LANE_OF, s, s->e, far);
+   return beyond | fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+}
+
+/* The weights u of kicks from those of a step and dZ: beta dW + gamma a, a = dZ/h - dW/2; rows of u stand m apart. */
+LANE void weigh(const int lanes, const double h, const double *restrict w, const double *restrict z, const ptrdiff_t n,
+                const double *restrict law, double *restrict u, const ptrdiff_t m) {
+   const double inverse = 1 / h;
+   for (int k = 1; k < NHAM; k++)
+#pragma GCC ivdep
+      for (int i = 0; i < lanes; i++) {
+         const double dw = w[k * n + i], a = FMA(z[(k - 1) * n + i], inverse, -0.5 * dw);
+         u[k * m + i] = FMA(law[2], a, law[0] * dw);
+         u[(NHAM + k) * m + i] = FMA(law[3], a, law[1] * dw);
+      }
+}
