@@ -5,6 +5,7 @@
 !>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one per pair   [time]
 !>    path_stt_area    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one per noise  [time^(1/2)]
 !>    path_magnus  J_kl = int W_k (dW_l - W_l) ds, symmetrised, k <= l, pair_index  one per pair   [time^2]
+!>                 (in a set with the pairs that meet: one for each of these, in their order)
 !>    path_decay   D_k = int phi(t + h - s) dW_k(s), phi(u) = (1 - exp(-gamma u))/gamma one per noise  [time^(3/2)]
 !>
 !> (K is the space-time-time Levy area, J the second Magnus term of kicks between drifts; both also need dZ. D is dZ for
@@ -16,6 +17,7 @@
 !> noise/functionals, a scheme that declares it and a stepper that uses it.
 module symsde_base_functionals
    use symsde_base_kinds, only: wp
+   use symsde_base_supports, only: noise_pairs
    use symsde_base_traits, only: model_traits
    implicit none
    private
@@ -38,7 +40,9 @@ module symsde_base_functionals
    type :: functional_set
       logical :: has(nfunctional) = .false.
       real(wp) :: rate = 0   !! gamma of path_decay [1/time]
+      type(noise_pairs) :: meeting     !! pairs k <= l that J is asked for; not allocated = all
    contains
+      procedure :: count_of
       procedure :: is_empty
       procedure :: columns
       procedure :: needed_for
@@ -67,13 +71,24 @@ contains
 
       columns = nnoise
       do f = 1, nfunctional
-         if (self%has(f)) columns = columns + functional_count(f, nnoise)
+         if (self%has(f)) columns = columns + self%count_of(f, nnoise)
       end do
    end function columns
 
+   !> Number of values of a functional of this set for m noises.
+   pure integer function count_of(self, functional, nnoise) result(n)
+      class(functional_set), intent(in) :: self
+      integer, intent(in) :: functional  !! path_dz, ..
+      integer, intent(in) :: nnoise      !! m
+
+      n = functional_count(functional, nnoise)
+      if (functional == path_magnus .and. allocated(self%meeting%k)) n = size(self%meeting%k)
+   end function count_of
+
    !> The functionals that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which
    !> are constant for additive noise and vanish for noise in position, and between noises that touch no degree of
-   !> freedom together; J multiplies H_k,q . H_l,q, constant for additive noise; a silent noise has no functionals.
+   !> freedom together; J multiplies H_k,q . H_l,q, constant for additive noise and zero for noises
+   !> that do not meet; a silent noise has no functionals.
    pure type(functional_set) function needed_for(self, traits)
       class(functional_set), intent(in) :: self
       type(model_traits), intent(in) :: traits
@@ -86,6 +101,7 @@ contains
       needed_for%has(path_areas) = self%has(path_areas) .and. nactive > 1 .and. &
                                    .not. (traits%additive .or. traits%position_noise .or. traits%are_apart())
       needed_for%has(path_magnus) = needed_for%has(path_magnus) .and. .not. traits%additive
+      if (needed_for%has(path_magnus)) call traits%find_meetings(needed_for%meeting)
    end function needed_for
 
    !> Number of values of a functional for m noises.

@@ -4,7 +4,7 @@
 !> A noise source fills a store of several steps at once (steps come in pairs, because two words of the generator give
 !> the normals of both). A stepper gets one step of the store: a record of pointers, so that nothing is copied.
 module symsde_base_record
-   use symsde_base_functionals, only: functional_set, functional_count, nfunctional
+   use symsde_base_functionals, only: functional_set, nfunctional
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
@@ -12,11 +12,11 @@ module symsde_base_record
 
    !> The values of one functional in one step, and in all steps of a store.
    type :: functional_values
-      real(wp), pointer, contiguous :: x(:, :) => null()  !! (nlane, functional_count)
+      real(wp), pointer, contiguous :: x(:, :) => null()  !! (nlane, count_of)
    end type functional_values
 
    type :: functional_steps
-      real(wp), allocatable :: x(:, :, :)  !! (nlane, functional_count, 0:capacity-1)
+      real(wp), allocatable :: x(:, :, :)  !! (nlane, count_of, 0:capacity-1)
    end type functional_steps
 
    !> One step. The record points into a store, and is valid as long as the store.
@@ -29,7 +29,7 @@ module symsde_base_record
 
    !> The values of one functional in several steps.
    type :: functional_run
-      real(wp), pointer, contiguous :: x(:, :, :) => null()  !! (nlane, functional_count, nstep)
+      real(wp), pointer, contiguous :: x(:, :, :) => null()  !! (nlane, count_of, nstep)
    end type functional_run
 
    !> How damping by one rate changes whole steps, with z = gamma h. In a map of one stage momenta are multiplied before
@@ -126,7 +126,7 @@ contains
       call set_to(self%h, self%nlane, self%nnoise + 1, self%capacity, self%w)
       do i = 1, nfunctional
          if (.not. self%asked%has(i)) cycle
-         ncolumn = functional_count(i, self%nnoise)
+         ncolumn = self%asked%count_of(i, self%nnoise)
          allocate (self%of(i)%x(self%nlane, ncolumn, 0:self%capacity - 1))
          call set_to(0.0_wp, self%nlane, ncolumn, self%capacity, self%of(i)%x)
       end do

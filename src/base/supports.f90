@@ -6,12 +6,16 @@
 !>
 !>    sum_kl D_kl Hess H_k M^-1 H_l,q = Hess F(1) M^-1 F_q(D_kk),   F(x) = sum_k x_k H_k
 !>
-!> by one gradient and one product for any number of noises. Noises that meet are sorted into colours: noises of one
-!> colour do not meet.
+!> by one gradient and one product for any number of noises. Noises that meet are sorted into colours. Those of one
+!> colour do not meet: enough where D is diagonal. Where it is not, none of one colour meets a noise that another one of
+!> it meets, so that each l has one k(l) at most in a colour C, and the sum over k in C and all l is
+!> Hess F(1_C) M^-1 F_q(D_{k(l) l}).
 module symsde_base_supports
    implicit none
    private
-   public :: noise_supports, noise_colours, sort_noises
+   public :: noise_supports, noise_colours, noise_pairs, sort_noises, find_pairs, all_pairs
+
+   integer, parameter :: most_listed = 2**22  !! pairs above which all are taken
 
    type :: noise_supports
       integer, allocatable :: from(:)  !! noise k touches dof(from(k) + 1) .. dof(from(k+1)) (nnoise + 1)
@@ -26,6 +30,11 @@ module symsde_base_supports
       integer, allocatable :: noise(:) !! noises by colour, without noises that are left out
    end type noise_colours
 
+   !> Pairs of noises k <= l.
+   type :: noise_pairs
+      integer, allocatable :: k(:), l(:)
+   end type noise_pairs
+
 contains
 
    !> Whether supports are declared; else every noise may touch everything.
@@ -35,24 +44,97 @@ contains
       are_given = allocated(self%from)
    end function are_given
 
-   !> Sort noises into colours: each takes the first colour without a noise that touches one of its degrees of freedom.
-   !> Where supports are not declared, or the mass may tie everything to everything, every noise has its own colour, in
-   !> the order of noises.
-   pure subroutine sort_noises(supports, noises, ndof, tied, colours)
+   !> The pairs of noises k <= l that meet, since both touch a degree of freedom, ordered by l and then by k. Without
+   !> supports, or if there are too many to list, pairs stay not allocated, which means all.
+   pure subroutine find_pairs(supports, nnoise, ndof, pairs)
       type(noise_supports), intent(in) :: supports
-      integer, intent(in) :: noises(:)      !! noises to sort, in rising order
-      integer, intent(in) :: ndof
-      logical, intent(in) :: tied           !! the mass is not known to be diagonal
+      integer, intent(in) :: nnoise, ndof
+      type(noise_pairs), intent(out) :: pairs
+      type(noise_supports) :: at
+      logical :: meets(nnoise)
+      integer :: pass, i, k, l, n
+
+      if (.not. supports%are_given()) return
+      call turn(supports, nnoise, ndof, at)
+      ! The first pass counts.
+      do pass = 1, 2
+         n = 0
+         do l = 1, nnoise
+            meets(:l) = .false.
+            meets(l) = .true.
+            do i = supports%from(l) + 1, supports%from(l + 1)
+               associate (dof => supports%dof(i))
+                  meets(at%dof(at%from(dof) + 1:at%from(dof + 1))) = .true.
+               end associate
+            end do
+            do k = 1, l
+               if (.not. meets(k)) cycle
+               n = n + 1
+               if (pass == 1) cycle
+               pairs%k(n) = k
+               pairs%l(n) = l
+            end do
+            if (n > most_listed) return
+         end do
+         if (pass == 1) allocate (pairs%k(n), pairs%l(n))
+      end do
+   end subroutine find_pairs
+
+   !> All pairs of noises k <= l.
+   pure subroutine all_pairs(nnoise, pairs)
+      integer, intent(in) :: nnoise
+      type(noise_pairs), intent(out) :: pairs
+      integer :: k, l
+
+      pairs%k = [((k, k=1, l), l=1, nnoise)]
+      pairs%l = [((l, k=1, l), l=1, nnoise)]
+   end subroutine all_pairs
+
+   !> The noises that touch each degree of freedom, as lists with the parts of noises and degrees of freedom exchanged.
+   pure subroutine turn(supports, nnoise, ndof, at)
+      type(noise_supports), intent(in) :: supports
+      integer, intent(in) :: nnoise, ndof
+      type(noise_supports), intent(out) :: at
+      integer :: next(ndof), i, k
+
+      allocate (at%from(ndof + 1), source=0)
+      allocate (at%dof(size(supports%dof)))
+      do i = 1, size(supports%dof)
+         at%from(supports%dof(i) + 1) = at%from(supports%dof(i) + 1) + 1
+      end do
+      do i = 1, ndof
+         at%from(i + 1) = at%from(i) + at%from(i + 1)
+      end do
+      next = at%from(:ndof)
+      do k = 1, nnoise
+         do i = supports%from(k) + 1, supports%from(k + 1)
+            associate (dof => supports%dof(i))
+               next(dof) = next(dof) + 1
+               at%dof(next(dof)) = k
+            end associate
+         end do
+      end do
+   end subroutine turn
+
+   !> Sort noises into colours: each takes the first colour of whose noises it meets none or, if `far`, of whose noises
+   !> none meets a noise that it meets. Without supports every noise has its own colour, in the order of noises.
+   pure subroutine sort_noises(supports, noises, nnoise, ndof, far, colours)
+      type(noise_supports), intent(in) :: supports
+      integer, intent(in) :: noises(:)      !! those that are sorted, in rising order
+      integer, intent(in) :: nnoise, ndof
+      logical, intent(in) :: far
       type(noise_colours), intent(out) :: colours
+      type(noise_supports) :: at
       integer :: colour(size(noises)), last(ndof)
       integer :: c, i, k
 
-      if (tied .or. .not. supports%are_given()) then
+      if (.not. supports%are_given()) then
          colour = [(i, i=1, size(noises))]
       else
+         if (far) call turn(supports, nnoise, ndof, at)
          colour = 0
          c = 0
-         ! last(i): the newest colour of a noise that touches i. Colours are filled one after the other.
+         ! last(i): the newest colour that i excludes. Colours are filled one after the other.
          last = 0
          do while (any(colour == 0))
             c = c + 1
@@ -61,6 +143,7 @@ contains
                associate (dof => supports%dof(supports%from(noises(k)) + 1:supports%from(noises(k) + 1)))
                   if (any(last(dof) == c)) cycle
                   last(dof) = c
+                  if (far) call exclude_around(supports, at, dof, c, last)
                end associate
                colour(k) = c
             end do
@@ -76,5 +159,21 @@ contains
          end associate
       end do
    end subroutine sort_noises
+
+   !> Let all degrees of freedom of noises that touch one of `dof` exclude colour c.
+   pure subroutine exclude_around(supports, at, dof, c, last)
+      type(noise_supports), intent(in) :: supports, at
+      integer, intent(in) :: dof(:), c
+      integer, intent(inout) :: last(:)
+      integer :: i, j
+
+      do i = 1, size(dof)
+         do j = at%from(dof(i)) + 1, at%from(dof(i) + 1)
+            associate (k => at%dof(j))
+               last(supports%dof(supports%from(k) + 1:supports%from(k + 1))) = c
+            end associate
+         end do
+      end do
+   end subroutine exclude_around
 
 end module symsde_base_supports

@@ -3,7 +3,7 @@
 !> set them and the factory of steppers reads them.
 module symsde_base_traits
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_supports, only: noise_supports
+   use symsde_base_supports, only: noise_supports, noise_pairs, find_pairs
    implicit none
    private
    public :: model_traits, force_traits, dense, strip_lanes
@@ -60,6 +60,8 @@ module symsde_base_traits
       procedure :: has_constant_mass
       procedure :: has_diagonal_mass
       procedure :: are_apart
+      procedure :: tied_supports
+      procedure :: find_meetings
       procedure :: eliminates_momenta
       procedure :: divides_by_mass
       procedure :: one_solve
@@ -121,6 +123,21 @@ contains
 
       has_diagonal_mass = self%identity_mass .or. (self%constant_mass .and. self%diagonal_mass)
    end function has_diagonal_mass
+
+   !> What noises in position touch, or not given where the mass may tie every degree of freedom to every other one.
+   pure type(noise_supports) function tied_supports(self)
+      class(model_traits), intent(in) :: self
+
+      if (self%has_diagonal_mass()) tied_supports = self%touches
+   end function tied_supports
+
+   !> The pairs of noises k <= l in position for which H_k,q . M^-1 H_l,q may not vanish; not allocated = all.
+   pure subroutine find_meetings(self, pairs)
+      class(model_traits), intent(in) :: self
+      type(noise_pairs), intent(out) :: pairs
+
+      call find_pairs(self%tied_supports(), self%nnoise, self%ndof, pairs)
+   end subroutine find_meetings
 
    !> Whether no degree of freedom is touched by two noises that are not silent.
    pure logical function are_apart(self)

@@ -20,9 +20,10 @@
 !> normal term in D.
 module symsde_noise_functionals
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
-                                      path_dz, path_areas, path_stt_area, path_magnus, path_decay
+   use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_dz, &
+                                      path_areas, path_stt_area, path_magnus, path_decay
    use symsde_base_kinds, only: wp
+   use symsde_base_supports, only: noise_pairs, all_pairs
    use symsde_base_vectors, only: add_times
    use symsde_noise_decay_law, only: decay_path, decay_integral
    implicit none
@@ -31,7 +32,7 @@ module symsde_noise_functionals
              clip_interval
 
    type :: interval_values
-      real(wp), allocatable :: x(:, :)     !! (nlane, functional_count); not allocated where not asked for
+      real(wp), allocatable :: x(:, :)     !! (nlane, count_of); not allocated where not asked for
    end type interval_values
 
    !> One interval of the path in every lane: its increments, and the functionals asked for.
@@ -57,20 +58,22 @@ contains
       self%rate = asked%rate
       allocate (self%w(nlane, nnoise))
       do f = 1, nfunctional
-         if (asked%has(f)) allocate (self%of(f)%x(nlane, functional_count(f, nnoise)))
+         if (asked%has(f)) allocate (self%of(f)%x(nlane, asked%count_of(f, nnoise)))
       end do
    end subroutine new_path_interval
 
    !> Values x of a functional on an interval with dW, H and K, each (nlane, nnoise), by the formulas at the head. K
-   !> and `rest` count as zero if absent.
-   pure subroutine shape_values(functional, nlane, nnoise, length, w, hh, x, kk, rest)
+   !> and `rest` count as zero if absent. J is that of the pairs of noises that `asked` has.
+   pure subroutine shape_values(functional, asked, nlane, nnoise, length, w, hh, x, kk, rest)
       integer, intent(in) :: functional, nlane, nnoise
+      type(functional_set), intent(in) :: asked
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
-      real(wp), intent(out) :: x(nlane, functional_count(functional, nnoise))
+      real(wp), intent(out) :: x(nlane, asked%count_of(functional, nnoise))
       real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero if absent
       !> The normal terms of areas drawn in law; without them areas are those of the parabola.
       real(wp), intent(in), optional :: rest(nlane, functional_count(path_areas, nnoise))
-      integer :: k, l
+      type(noise_pairs) :: pairs
+      integer :: k, l, kl
 
       select case (functional)
       case (path_areas)
@@ -87,13 +90,14 @@ contains
          x = 0
          if (present(kk)) x = kk
       case (path_magnus)
-         do l = 1, nnoise
-            do k = 1, l
+         call choose_pairs(nnoise, asked, pairs)
+         do kl = 1, size(pairs%k)
+            associate (k => pairs%k(kl), l => pairs%l(kl))
                ! The mean of J given dW and H.
-               x(:, pair_index(k, l)) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
-            end do
-            ! Subtract from the diagonal the variance of the path that H leaves open, so that E J = 0.
-            x(:, pair_index(l, l)) = x(:, pair_index(l, l)) - length*abs(length)/15
+               x(:, kl) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
+               ! Subtract from the diagonal the variance of the path that H leaves open, so that E J = 0.
+               if (k == l) x(:, kl) = x(:, kl) - length*abs(length)/15
+            end associate
          end do
       case (path_dz)
          x = length*(0.5_wp*w + hh)
@@ -129,18 +133,25 @@ contains
       call add_times(n, d(3), kk, x)
    end subroutine add_known
 
-   !> Merge two neighbouring intervals. The whole gets the functionals that the left half has.
-   pure subroutine merge_intervals(nlane, nnoise, left, right, whole)
+   !> The pairs of noises that J is asked for.
+   pure subroutine choose_pairs(nnoise, asked, pairs)
+      integer, intent(in) :: nnoise
+      type(functional_set), intent(in) :: asked
+      type(noise_pairs), intent(out) :: pairs
+
+      pairs = asked%meeting
+      if (.not. allocated(pairs%k)) call all_pairs(nnoise, pairs)
+   end subroutine choose_pairs
+
+   !> Merge two neighbouring intervals, whose functionals are those that are asked for.
+   pure subroutine merge_intervals(nlane, nnoise, asked, left, right, whole)
       integer, intent(in) :: nlane, nnoise
+      type(functional_set), intent(in) :: asked
       type(path_interval), intent(in) :: left, right
       type(path_interval), intent(out) :: whole
-      type(functional_set) :: asked
+      type(noise_pairs) :: pairs
       integer :: f, k
 
-      asked%rate = left%rate
-      do f = 1, nfunctional
-         asked%has(f) = allocated(left%of(f)%x)
-      end do
       ! Lengths add, with their sign: two steps back in time are one longer step back.
       call new_path_interval(whole, nlane, nnoise, left%length + right%length, asked)
       ! dW first: all products below are of increments of the halves.
@@ -162,7 +173,8 @@ contains
                                                  - 0.5_wp*(w1 - w2))
             case (path_magnus)
                ! J needs dZ of both halves, which are present whenever J is.
-               call merge_magnus(nlane, nnoise, left, right, x)
+               call choose_pairs(nnoise, asked, pairs)
+               call merge_magnus(nlane, size(pairs%k), pairs, left, right, x)
             case (path_decay)
                ! The parts of D_1 and dW_1 at the end of the right half.
                x = x2
@@ -176,23 +188,23 @@ contains
    end subroutine merge_intervals
 
    !> J_kl of two neighbours, symmetrised in k and l: it multiplies H_k,q . M^-1 H_l,q, which is symmetric.
-   pure subroutine merge_magnus(nlane, nnoise, left, right, x)
-      integer, intent(in) :: nlane, nnoise
+   pure subroutine merge_magnus(nlane, npair, pairs, left, right, x)
+      integer, intent(in) :: nlane, npair
+      type(noise_pairs), intent(in) :: pairs
       type(path_interval), intent(in) :: left, right
-      real(wp), intent(inout) :: x(nlane, pair_index(nnoise, nnoise))
-      integer :: k, l, kl, lane
+      real(wp), intent(inout) :: x(nlane, npair)
+      integer :: kl, lane
 
       associate (x1 => left%of(path_magnus)%x, x2 => right%of(path_magnus)%x, z1 => left%of(path_dz)%x, &
                  z2 => right%of(path_dz)%x, w1 => left%w, w2 => right%w, h2 => right%length)
-         do l = 1, nnoise
-            do k = 1, l
-               kl = pair_index(k, l)
+         do kl = 1, npair
+            associate (k => pairs%k(kl), l => pairs%l(kl))
                do lane = 1, nlane
                   x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
                                 + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
                                           + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
                end do
-            end do
+            end associate
          end do
       end associate
    end subroutine merge_magnus

@@ -116,14 +116,14 @@ contains
          if (associated(d%interrupt)) call d%interrupt%after_part()
          call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
          if (d%is_left()) return
-         call merge_intervals(nlane, d%nnoise, even, odd, whole)
+         call merge_intervals(nlane, d%nnoise, d%asked, even, odd, whole)
          carry = i
          level = 1
          ! Climb levels above the first: as many as the binary number i ends with ones.
          do while (mod(carry, 2_i8) == 1)  ! two complete sums of one size make one of the next
             left = partial(level)
             odd = whole
-            call merge_intervals(nlane, d%nnoise, left, odd, whole)
+            call merge_intervals(nlane, d%nnoise, d%asked, left, odd, whole)
             carry = carry/2
             level = level + 1
          end do
@@ -338,7 +338,7 @@ contains
          call merge_halves(d, nlane, path, last, second, right, drawn)
          if (d%is_left()) return
       end if
-      call merge_intervals(nlane, d%nnoise, left, right, whole)
+      call merge_intervals(nlane, d%nnoise, d%asked, left, right, whole)
       whole%w = known%shape%w  ! equals the sum of the halves, to rounding
    end subroutine merge_halves
 
@@ -373,7 +373,8 @@ contains
             call decay_values(nlane, d%nnoise, length, d%asked%rate, shape%w, shape%hh, shape%kk, interval%of(f)%x, &
                               shape%xi)
          else if (d%asked%has(f)) then
-            call shape_values(f, nlane, d%nnoise, length, shape%w, shape%hh, interval%of(f)%x, shape%kk, shape%rest)
+            call shape_values(f, d%asked, nlane, d%nnoise, length, shape%w, shape%hh, interval%of(f)%x, shape%kk, &
+                              shape%rest)
          end if
       end do
    end subroutine finest_interval

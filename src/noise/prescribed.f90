@@ -150,7 +150,7 @@ contains
          call polygon(self, nlane, path, row, rows/2, left)
          call polygon(self, nlane, path, row + rows/2, rows/2, right)
          ! The left half comes first, and functionals merge in this order.
-         call merge_intervals(nlane, self%nnoise, left, right, whole)
+         call merge_intervals(nlane, self%nnoise, self%asked, left, right, whole)
          return
       end if
       call new_path_interval(whole, nlane, self%nnoise, self%h/2.0_wp**self%refine, self%asked)
@@ -171,7 +171,7 @@ contains
          if (f == path_decay .and. self%asked%has(f)) then
             call find_decay(self, nlane, path, row, hh, kk, whole)
          else if (self%asked%has(f)) then
-            call shape_values(f, nlane, self%nnoise, whole%length, whole%w, hh, x=whole%of(f)%x, kk=kk)
+            call shape_values(f, self%asked, nlane, self%nnoise, whole%length, whole%w, hh, x=whole%of(f)%x, kk=kk)
          end if
       end do
    end subroutine polygon

@@ -5,7 +5,7 @@
 !> bytes, at most
 !>
 !>    nlane lane + once + rescue,
-!>    lane   = (60 + 16 s) n + (12 + 2 s) (m + 1) + a small matrix,  and what the solver needs:
+!>    lane   = (60 + 16 s) n + (14 + 2 s) (m + 1) + a small matrix,  and what the solver needs:
 !>             dense         unknowns^2 + 6 n^2
 !>             banded        12 ((b + 1) s + 1) unknowns + 6 (2 b + 1) n   with b diagonals beside the main one
 !>             by products   66 unknowns + 65^2
@@ -20,6 +20,8 @@ module symsde_step_memory
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type
+   use symsde_base_supports, only: noise_pairs
+   use symsde_base_traits, only: model_traits
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, galerkin_form, ito_form, splitting_form, &
@@ -70,7 +72,7 @@ contains
          ! Slopes of drift and noise are kept apart.
          if (.not. scheme%noise_coefficients_equal() .and. m > 0) stages = 2*stages
          active = active_brackets(scheme%brackets, t)
-         memory%lane = (vectors + 16*stages)*n + (12 + 2*stages)*(m + 1) + small_matrix
+         memory%lane = (vectors + 16*stages)*n + (14 + 2*stages)*(m + 1) + small_matrix
          ! One area A_kl for every pair of noises.
          if (active%areas) memory%lane = memory%lane + m*(m - 1)/2
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
@@ -78,8 +80,7 @@ contains
          if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
          if (.not. task%damping%is_constant()) memory%lane = memory%lane + 6*n  ! rates at three nodes, and two states
          if (scheme%form == splitting_form) then  ! it has no separate oracle
-            if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + n*m  ! H_k,q
-            if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + m*(m + 1)/2  ! D_kl
+            if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + meetings(t)  ! D_kl
          else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
             call add_matrices(task, active%are_added(), stages, memory)
          end if
@@ -96,6 +97,16 @@ contains
          end if
       end associate
    end subroutine find_step_memory
+
+   !> Number of pairs of noises k <= l that meet.
+   pure real(wp) function meetings(traits)
+      type(model_traits), intent(in) :: traits
+      type(noise_pairs) :: pairs
+
+      call traits%find_meetings(pairs)
+      meetings = 0.5_wp*traits%nnoise*(traits%nnoise + 1.0_wp)
+      if (allocated(pairs%k)) meetings = size(pairs%k)
+   end function meetings
 
    !> Numbers of eight bytes that a stepper of nlane lanes and its rescue hold.
    pure real(wp) function numbers(self, nlane)

@@ -6,7 +6,7 @@ import pytest
 import symsde as ss
 from symsde import errors
 
-KICKED = ("verlet_kdk", "gauss_dkdkd", "chin4a")
+KICKED = ("verlet_kdk", "gauss_dkdkd", "chin4a", "verlet_kdk_strong2", "chin4a_strong2")
 N = 6
 #: noises of a ring: at sites, at bonds, and several at one site
 LOCAL = {
@@ -170,3 +170,21 @@ def test_lists_are_checked(touches, error, told):
     """Numbers of degrees of freedom, from 1, for each noise."""
     with pytest.raises(error, match=told):
         ss.Model(ndof=6, nnoise=2, gradient=Ring(LOCAL["sites"][:2], "one").gradient, touches=touches)
+
+
+@pytest.mark.parametrize("refine", [0, 2, -1])
+def test_second_terms_are_drawn_for_noises_that_meet(refine):
+    """J of pairs that meet has the bits of J of all pairs, of all levels, and there is no memory of others."""
+    mine, known = both("bonds", "one", "chin4a_strong2", refine=refine, paths=9)
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+    assert mine.report.counters["normals"] == known.report.counters["normals"]
+    assert mine.report.counters["hessian_vectors"] == (1 + 3) * 9 * 20  # a force gradient, and three colours of a ring
+
+
+def test_many_sites_have_no_pairs():
+    """With 3000 noises J of all pairs would take 36 MB a path and step, and so would D."""
+    ring = ss.model_from_sympy("Sum(p[i]**2/2 + q[i]**4/4, i)", ["0.3*q[k]**2"], n=3000)
+    run = ss.simulate(ring, q0=0.4, p0=0.1, step=0.1, steps=3, paths=64, seed=1, scheme="chin4a_strong2", threads=1)
+    alone = ss.model_from_sympy("p**2/2 + q**4/4", ["0.3*q**2"])
+    first = ss.simulate(alone, q0=0.4, p0=0.1, step=0.1, steps=3, paths=64, seed=1, scheme="chin4a_strong2", threads=1)
+    np.testing.assert_allclose(run.q[:, 0], first.q[:, 0], rtol=1e-12)

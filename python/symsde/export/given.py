@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -152,3 +153,12 @@ def columns(ndof: int, has_energy: bool) -> str:
 def equal(values: tuple[float, ...]) -> bool:
     """Whether these are many numbers, all equal."""
     return len(values) > _FEW and len(set(values)) == 1
+
+
+def supports(given: Given) -> tuple[list[int], list[int]] | None:
+    """What noises touch, as places and degrees of freedom; None where all noises meet, and for sums over sites, whose
+    programs are for any number of them."""
+    lists = given.model.traits.touches or ()
+    if given.is_chain or all(set(a) & set(b) for a, b in itertools.combinations(lists, 2)):
+        return None
+    return [0, *itertools.accumulate(map(len, lists))], [i for several in lists for i in several]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from ..model.definition import FLAGS
 from ..model.formulas import emit_flow
 from .expressions import wrapped
-from .given import Given, columns, equal, harmless
+from .given import Given, columns, equal, harmless, supports
 
 WIDTH = 110
 ARGUMENTS = ("gradient", "value", "hessian", "hessian_vector")  #: function arguments of symsde_model_new, in this order
@@ -82,6 +82,10 @@ def _model(given: Given) -> list[str]:
     lines += [f"   traits.bandwidth = {traits.bandwidth};"] if traits.bandwidth is not None else []
     if traits.rotation:
         lines += [f"   const double rotation[] = {_array(traits.rotation)};", "   traits.rotation = rotation;"]
+    if found := supports(given):
+        lines += [f"   const int32_t touches_from[] = {{{', '.join(map(str, found[0]))}}};"]
+        lines += [f"   const int32_t touches[] = {{{', '.join(map(str, found[1]))}}};"]
+        lines += ["   traits.touches_from = touches_from;", "   traits.touches = touches;"]
     lines += ["   double par[] = {"] if given.parameters else ["   double par[] = {0};"]
     lines += [
         f"      {_number(value)}, /* c{k}: {harmless(x)} */" for k, (x, value) in enumerate(given.parameters.items())

@@ -8,7 +8,7 @@ from ..model.definition import FLAGS
 from ..model.formulas.emit_c import VECTORS
 from . import sites_in_fortran
 from .expressions import Expressions, called, wrapped
-from .given import Given, columns, equal
+from .given import Given, columns, equal, supports
 
 WIDTH = 118
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
@@ -162,6 +162,9 @@ def _model(given: Given) -> list[str]:
         lines += ["   model%traits%has_third_derivative = .true."]
     if traits.bandwidth is not None:
         lines += [f"   model%traits%bandwidth = {traits.bandwidth}"]
+    if found := supports(given):
+        lines += [f"   model%traits%touches%from = [{', '.join(map(str, found[0]))}]"]
+        lines += [f"   model%traits%touches%dof = [{', '.join(map(str, found[1]))}]"]
     return [*lines, f"   model%traits%rotation = {_array(traits.rotation)}"] if traits.rotation else lines
 
 

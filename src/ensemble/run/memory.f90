@@ -1,13 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How much memory a run takes at most, and how many threads fit.
 module symsde_ensemble_run_memory
-   use symsde_base_functionals, only: functional_set, path_areas, path_decay
+   use symsde_base_functionals, only: functional_set, path_areas, path_decay, path_magnus
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: padded
    use symsde_base_memory, only: memory_for, require_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
-   use symsde_base_traits, only: model_traits
    use symsde_ensemble_block_ahead, only: pairs_ahead, states_ahead
    use symsde_ensemble_block_shrink_block, only: narrower_width
    use symsde_ensemble_observe_observer, only: observer_type
@@ -95,7 +94,7 @@ contains
                 + noise_numbers(nnoise, asked, nlane)
       if (nlane > 1) return
       if (task%scheme%form == splitting_form) &    ! weights of kicks are computed for all steps drawn ahead
-         numbers = numbers + ahead*kick_numbers(task%scheme%kicks, task%model%traits, ncolumn)
+         numbers = numbers + ahead*kick_numbers(task%scheme%kicks, asked, nnoise)
       if (.not. asked%is_empty()) &                ! pairs of steps are filled as neighbouring lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
@@ -103,15 +102,15 @@ contains
    !> Number of eight-byte numbers that a single path keeps for steps whose kick weights are computed ahead: increments
    !> and functionals, the weights w of the kicks, V, and D if J is sampled. Each is kept twice: as lanes to compute
    !> weights, and by steps.
-   pure real(wp) function kick_numbers(kicks, traits, ncolumn) result(numbers)
+   pure real(wp) function kick_numbers(kicks, asked, nnoise) result(numbers)
       type(kicks_type), intent(in) :: kicks
-      type(model_traits), intent(in) :: traits
-      integer, intent(in) :: ncolumn  !! increments and functionals of a step
+      type(functional_set), intent(in) :: asked   !! functionals beside the increments
+      integer, intent(in) :: nnoise
       real(wp) :: m
 
-      m = traits%nnoise
-      numbers = ncolumn + 1 + 2*(m + 1)*(size(kicks%c) + 1) + 1
-      if (kicks%samples .and. .not. traits%additive) numbers = numbers + m*(m + 1)
+      m = nnoise
+      numbers = asked%columns(nnoise) + 1 + 2*(m + 1)*(size(kicks%c) + 1) + 1
+      if (asked%has(path_magnus)) numbers = numbers + 2*asked%count_of(path_magnus, nnoise)
    end function kick_numbers
 
    !> Number of eight-byte numbers that a source of noise needs to fill a block of nlane lanes: increments, and the

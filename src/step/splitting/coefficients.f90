@@ -23,10 +23,10 @@
 !> path of a block. Parentheses around the second product allow only the first one to be contracted.
 module symsde_step_splitting_coefficients
    use symsde_base_damping, only: damping_type, noise_of_scheme, noise_polynomial
-   use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, path_decay, pair_index
+   use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, path_decay
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
-   use symsde_base_supports, only: noise_colours, sort_noises
+   use symsde_base_supports, only: noise_colours, noise_pairs, sort_noises, all_pairs
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times, scale
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient, flow_free
@@ -44,11 +44,13 @@ module symsde_step_splitting_coefficients
       logical, allocatable :: multiplies(:)    !! kicks with products of the noises' gradients (nkick)
       real(wp) :: c = 0                        !! c in the mean form, D_kl = c h |h| delta_kl
       integer, allocatable :: noisy(:)         !! the noises that are not silent
-      type(noise_colours) :: colours           !! the same, those of a colour do not meet
-      integer, allocatable :: at(:, :)           !! column of D_kl in d, for k and l in any order (nnoise, nnoise)
+      type(noise_colours) :: colours           !! the same in colours, as base/supports says
+      integer, allocatable :: at(:, :)         !! column of D_kl in d, for the k of a colour that meets l; 0 = none
+      !! (nnoise, colours%n)
       real(wp), allocatable :: w(:, :, :)      !! w_ik, w_i0 = b_i h (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)         !! weights of V (nlane, 0:nnoise)
-      real(wp), allocatable :: d(:, :)         !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
+      real(wp), allocatable :: d(:, :)         !! D_kl of the pairs (nlane, size(pairs%k))
+      type(noise_pairs) :: pairs               !! those that meet
       logical, private :: by_sums = .false.    !! whether some kick uses V
       logical, private :: uses_dz = .false.
       type(damping_type) :: damping
@@ -73,7 +75,7 @@ contains
       type(damping_type), intent(in) :: damping
       integer, intent(in) :: damping_noise   !! of the enumerators of base/damping
       integer, intent(in) :: nlane
-      integer :: k, l
+      integer :: k
 
       self%kicks = kicks
       self%c = mean_coefficient(kicks)
@@ -81,7 +83,7 @@ contains
       self%nnoise = traits%nnoise
       self%noisy = [(k, k=1, traits%nnoise)]
       if (allocated(traits%silent)) self%noisy = pack(self%noisy, .not. traits%silent)
-      call sort_noises(traits%touches, self%noisy, traits%ndof, .not. traits%has_diagonal_mass(), self%colours)
+      call sort_noises(traits%tied_supports(), self%noisy, traits%nnoise, traits%ndof, kicks%samples, self%colours)
       self%products = size(self%noisy) > 0 .and. .not. traits%additive
       ! Kicks with kappa use V, and D of the sampled form uses its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
@@ -96,13 +98,32 @@ contains
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
       if (.not. (self%products .and. kicks%samples)) return
-      allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
-      ! D is symmetric: column at(k, l) = at(l, k) of d has D_kl.
-      allocate (self%at(self%nnoise, self%nnoise))
-      do k = 1, self%nnoise
-         self%at(:, k) = [(pair_index(min(k, l), max(k, l)), l=1, self%nnoise)]
-      end do
+      call traits%find_meetings(self%pairs)
+      if (.not. allocated(self%pairs%k)) call all_pairs(self%nnoise, self%pairs)
+      allocate (self%d(nlane, size(self%pairs%k)), source=0.0_wp)
+      call find_columns(self)
    end subroutine new_kick_weights
+
+   !> For each colour and each noise l the column of D_kl, where k is the noise of this colour that meets l.
+   pure subroutine find_columns(self)
+      type(kick_weights), intent(inout) :: self
+      integer :: colour_of(self%nnoise)
+      integer :: c, kl
+
+      colour_of = 0
+      do c = 1, self%colours%n
+         colour_of(self%colours%noise(self%colours%from(c) + 1:self%colours%from(c + 1))) = c
+      end do
+      allocate (self%at(self%nnoise, self%colours%n), source=0)
+      do kl = 1, size(self%pairs%k)
+         associate (k => self%pairs%k(kl), l => self%pairs%l(kl))
+            ! A silent noise has no colour.
+            if (min(colour_of(k), colour_of(l)) == 0) cycle
+            self%at(l, colour_of(k)) = kl
+            self%at(k, colour_of(l)) = kl
+         end associate
+      end do
+   end subroutine find_columns
 
    !> Compute the weights of every kick, of V, and D, in the first nlane lanes, from the functionals of the step.
    !> Weights of silent noises keep their initial value zero.
@@ -169,22 +190,21 @@ contains
       end associate
    end subroutine weigh_noise
 
-   !> D_kl of the sampled form, k <= l, at pair_index(k, l): the second Magnus term of the kicks minus J_kl. The sum
+   !> D_kl of the sampled form, for the pairs k <= l that meet: the second Magnus term of the kicks minus J_kl. The sum
    !> over pairs of kicks is symmetrised in k and l, since only the symmetric part matters for the product of gradients.
    subroutine find_d(self, nlane, step)
-      type(kick_weights), intent(inout) :: self
+      class(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane
       type(step_record), intent(in) :: step
       real(wp) :: kappa
-      integer :: i, j, k, l, kl
+      integer :: i, j, kl
 
       ! The force-gradient kicks already contain the products with kappa h v_k v_l. D has the factor 1/2, so twice these
       ! products are subtracted from D.
       kappa = sum(self%kicks%kappa)
       associate (c => self%kicks%c, w => self%w, v => self%v, d => self%d)
-         do l = 1, self%nnoise
-            do k = 1, l
-               kl = pair_index(k, l)
+         do kl = 1, size(self%pairs%k)
+            associate (k => self%pairs%k(kl), l => self%pairs%l(kl))
                ! Products are added from zero, one after the other: in a sum of two the compiler might fuse either one.
                d(:nlane, kl) = 0
                call add_product(nlane, -2*kappa, v(:, k), v(:, l), d(:, kl))
@@ -195,7 +215,7 @@ contains
                   end do
                end do
                d(:nlane, kl) = step%h*d(:nlane, kl) - step%of(path_magnus)%x(:nlane, kl)
-            end do
+            end associate
          end do
       end associate
    end subroutine find_d
