@@ -117,12 +117,14 @@ contains
    end subroutine turn
 
    !> Sort noises into colours: each takes the first colour of whose noises it meets none or, if `far`, of whose noises
-   !> none meets a noise that it meets. Without supports every noise has its own colour, in the order of noises.
-   pure subroutine sort_noises(supports, noises, nnoise, ndof, far, colours)
+   !> none meets a noise that it meets. Noises also meet if degrees of freedom i and j that they touch have |i - j| <=
+   !> reach. Without supports every noise has its own colour, in the order of noises.
+   pure subroutine sort_noises(supports, noises, nnoise, ndof, far, reach, colours)
       type(noise_supports), intent(in) :: supports
       integer, intent(in) :: noises(:)      !! those that are sorted, in rising order
       integer, intent(in) :: nnoise, ndof
       logical, intent(in) :: far
+      integer, intent(in) :: reach          !! >= 0
       type(noise_colours), intent(out) :: colours
       type(noise_supports) :: at
       integer :: colour(size(noises)), last(ndof)
@@ -142,7 +144,9 @@ contains
                if (colour(k) > 0) cycle
                associate (dof => supports%dof(supports%from(noises(k)) + 1:supports%from(noises(k) + 1)))
                   if (any(last(dof) == c)) cycle
-                  last(dof) = c
+                  do i = 1, size(dof)
+                     last(max(dof(i) - reach, 1):min(dof(i) + reach, ndof)) = c
+                  end do
                   if (far) call exclude_around(supports, at, dof, c, last)
                end associate
                colour(k) = c

@@ -188,3 +188,68 @@ def test_many_sites_have_no_pairs():
     alone = ss.model_from_sympy("p**2/2 + q**4/4", ["0.3*q**2"])
     first = ss.simulate(alone, q0=0.4, p0=0.1, step=0.1, steps=3, paths=64, seed=1, scheme="chin4a_strong2", threads=1)
     np.testing.assert_allclose(run.q[:, 0], first.q[:, 0], rtol=1e-12)
+
+
+class Line:
+    """A chain, H = sum_i p_i^2 c_i/2 + q_i p_i/10 + (q_i - q_{i+1})^2/2, with noises (q_k + a p_k)^2/10 + b q_k."""
+
+    def __init__(self, n, a=0.3, b=0.2, second=True):
+        bonds = np.diff(np.eye(n), axis=0)
+        self.n, zero = n, np.zeros((n, 2 * n, 2 * n))
+        zero[:, np.arange(n), np.arange(n)] = np.eye(n)
+        zero[:, np.arange(n), np.arange(n) + n] = zero[:, np.arange(n) + n, np.arange(n)] = a * np.eye(n)
+        zero[:, np.arange(n) + n, np.arange(n) + n] = a**2 * np.eye(n)
+        drift = np.block([[bonds.T @ bonds, 0.1 * np.eye(n)], [0.1 * np.eye(n), np.diag(1 + 0.1 * np.arange(n))]])
+        self.matrices, self.b = np.array([drift, *(0.2 * zero * second)]), b
+
+    def gradient(self, t, w, q, p):
+        found = np.einsum("kl,kij,jl->il", w, self.matrices, np.concatenate([q, p]))
+        found[: self.n] += self.b * w[1:]
+        return found[: self.n], found[self.n :]
+
+    def hessian(self, t, w, q, p):
+        found, n = np.einsum("kl,kij->ijl", w, self.matrices), self.n
+        return found[:n, :n], found[n:, :n], found[n:, n:]
+
+    def model(self, touches, **traits):
+        return ss.Model(
+            ndof=self.n, nnoise=self.n, gradient=self.gradient, hessian=self.hessian, touches=touches, **traits
+        )
+
+
+BRACKETS = ("gauss2_strong32", "gauss2_strong32_areas", "gauss2_weak2", "gauss2_weak2_areas")
+
+
+@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize("lists", LOCAL)
+def test_nested_brackets_are_sums_over_colours(lists, mass):
+    """Of noises in position, with squares, differences and any mass."""
+    mine, known = both(lists, mass, "gauss2_strong32", steps=6, step=0.03)
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("quadratic", [True, False])
+@pytest.mark.parametrize("second", [True, False])
+@pytest.mark.parametrize("scheme", BRACKETS)
+def test_bands_tie_noises_of_momenta(scheme, second, quadratic):
+    """Noises of neighbours have a bracket: two colours; exact brackets and differences, additive noise, all schemes."""
+    line = Line(8, second=second)
+    traits = {"bandwidth": 1, "quadratic": quadratic, "additive": not second, "position_noise": not second}
+    given = {"q0": np.linspace(-0.5, 0.7, 8), "p0": 0.2, "step": 0.2, "steps": 4, "paths": 10, "seed": 2}
+    given |= {"scheme": scheme, "threads": 1, **({"area_time": 1.0} if "areas" in scheme and second else {})}
+    mine, known = (ss.simulate(line.model(x, **traits), **given) for x in ([[i + 1] for i in range(8)], None))
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-9)
+    fewer = mine.report.counters["gradients"] < 0.8 * known.report.counters["gradients"]
+    assert fewer or (quadratic and not second)
+
+
+def test_work_of_brackets_does_not_grow_with_sites():
+    """gauss2_strong32 takes three gradients and two products an evaluation, for any number of local noises."""
+    counts = []
+    for n in (4, 16):
+        ring = ss.model_from_sympy("Sum(p[i]**2/2 + q[i]**4/4, i)", ["0.1*q[k]**2"], n=n)
+        run = ss.simulate(ring, q0=0.4, p0=0.1, step=0.1, steps=4, paths=8, seed=1, scheme="gauss2_strong32", threads=1)
+        counts.append([run.report.counters[key] for key in ("gradients", "hessian_vectors")])
+    for gradients, products in counts:
+        assert abs(gradients - 1.5 * products) <= 0.1 * gradients
+    assert counts[1][0] <= 1.3 * counts[0][0]

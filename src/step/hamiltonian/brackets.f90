@@ -59,6 +59,7 @@ module symsde_step_hamiltonian_brackets
       real(wp), allocatable, private :: g(:, :)            !! weights of a sum (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :), private :: bq, bp, sq, sp, xp  !! (nlane, ndof)
+      real(wp), allocatable, private :: still(:, :)        !! zeros (nlane, ndof)
       type(algebra_work), private :: work
    contains
       procedure :: add_gradient
@@ -95,6 +96,7 @@ contains
 
       call new_exact_bracket(self, model, nlane)
       self%active = active_brackets(brackets, model%traits)
+      call self%sort()
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
       ! The single bracket has a term for every noise that changes in time. The bracket {H_k(t_1),H_k(t_0)} is zero
@@ -104,6 +106,7 @@ contains
          allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
          self%nested(:, 0) = 1
          allocate (self%bq(nlane, n), self%bp(nlane, n), self%sq(nlane, n), self%sp(nlane, n), self%xp(nlane, n))
+         allocate (self%still(nlane, n), source=0.0_wp)
          call new_algebra_work(self%work, nlane, n, m)
       end associate
    end subroutine new_modified_hamiltonian
@@ -196,8 +199,7 @@ contains
             self%ngradient = self%ngradient + 1
             self%sp = self%sp + self%bp
             if (self%model%traits%additive) return
-            self%vp = 0
-            call self%add_product(t, self%c, 1.0_wp, p, self%vp, q, p, self%sq, self%sp)
+            call add_curved(self, t, self%c, 1.0_wp, p, q, p)
          else
             ! G = H: weight one for the drift, without h, which c_k contains.
             self%g = 0
@@ -227,11 +229,10 @@ contains
       if (.not. self%turning) return
       ! c grad {F,G} with F = H_k(t_1), G = H_k(t_0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
       c = -abs(step%h)/12
-      do k = 1, self%nnoise
-         if (.not. self%noisy(k)) cycle
-         call self%field_of(step%t, k, q, p)
+      do k = 1, self%colours%n
+         call self%field_of_colour(step%t, k, q, p)
          call self%add_product(t1, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
-         call self%field_of(t1, k, q, p)
+         call self%field_of_colour(t1, k, q, p)
          call self%add_product(step%t, self%f, -c, self%vq, self%vp, q, p, self%sq, self%sp)
       end do
    end subroutine add_motion
@@ -246,8 +247,7 @@ contains
 
       do l = 2, self%nnoise  ! F = H_l, G = sum_{k<l} A_kl H_k
          if (.not. self%noisy(l)) cycle
-         self%f = 0
-         self%f(:, l) = 1
+         call self%show_noise(l)
          self%g = 0
          do k = 1, l - 1
             if (self%noisy(k)) self%g(:, k) = step%of(path_areas)%x(:, area_index(k, l))
@@ -280,19 +280,26 @@ contains
 
       ! The gradient of H_k,q . H_k,q is 2 H_k,qq H_k,q: one gradient, and its product with the Hessian.
       c = h*abs(h)/6
-      self%f = 0
-      self%vp = 0
-      do k = 1, self%nnoise
-         if (.not. self%noisy(k)) cycle
-         self%f(:, k) = 1
+      do k = 1, self%colours%n
+         call self%show_colour(k)
          associate (n => self%nlane, d => self%ndof, m => self%nnoise)
             call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
             self%ngradient = self%ngradient + 1
          end associate
-         call self%add_product(t, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
-         self%f(:, k) = 0
+         call add_curved(self, t, self%f, c, self%vq, q, p)
       end do
    end subroutine add_squares
+
+   !> Add c S_qq v to sq, with the sum S of noises in position with weights w.
+   subroutine add_curved(self, t, w, c, v, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: v, q, p
+
+      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, w, q, p, v, self%still, self%gq, self%gp)
+      self%nproduct = self%nproduct + 1
+      self%sq = self%sq + c*self%gq
+   end subroutine add_curved
 
    !> Additive noise: the fields v are constant, so {{H,H_k},H_k} = H''[v,v], and a second difference of H along v
    !> suffices: c sum_k [H(x+bv) + H(x-bv) - 2 H(x)] with c = (h|h|/12)/b^2.
@@ -308,10 +315,9 @@ contains
       c = h/(12*reach**2)
       self%g = 0
       self%g(:, 0) = 1
-      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy)) ! the middle terms of all differences together
-      do k = 1, self%nnoise
-         if (.not. self%noisy(k)) cycle
-         call self%field_of(t, k, q, p)
+      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*self%colours%n) ! the middle terms of all differences together
+      do k = 1, self%colours%n
+         call self%field_of_colour(t, k, q, p)
          call add_sum(self, t, q, p, 0.0_wp, b, c)
          call add_sum(self, t, q, p, 0.0_wp, -b, c)
       end do
@@ -342,20 +348,19 @@ contains
       call self%field_of_sum(t, self%nested, q, p, self%uq, self%up)
       self%yq = 0
       self%yp = 0
-      do k = 1, self%nnoise
-         if (.not. self%noisy(k)) cycle
-         call self%field_of(t, k, q, p)
+      do k = 1, self%colours%n
+         call self%field_of_colour(t, k, q, p)
          self%rq = 0
          self%rp = 0
          call second_difference(self, t, b, c, q, p)
-         call mixed_difference(self, t, k, a, b, c2, q, p)
+         call mixed_difference(self, t, a, b, c2, q, p)
          ! (Dv)^T is linear, so its arguments from both differences are collected first.
          call self%add_transposed(t, self%f, self%rq, self%rp, q, p, self%sq, self%sp)
       end do
       call self%add_transposed(t, self%nested, self%yq, self%yp, q, p, self%sq, self%sp)
       ! -2c sum_k grad H, from the field of H
-      self%sq = self%sq + (2*c*count(self%noisy))*self%up
-      self%sp = self%sp - (2*c*count(self%noisy))*self%uq
+      self%sq = self%sq + (2*c*self%colours%n)*self%up
+      self%sp = self%sp - (2*c*self%colours%n)*self%uq
    end subroutine add_differences
 
    !> Add c [g(b) + g(-b)] to (sq, sp), and store c b [g(b) - g(-b)], for the field of H_k, in (rq, rp).
@@ -376,16 +381,14 @@ contains
 
    !> Add the four gradients of H_k, -c s r G(s a, r b); add the terms of the fields, -c r a G for Du and -c s b G
    !> for Dv, to (yq, yp) and (rq, rp).
-   subroutine mixed_difference(self, t, k, a, b, c, q, p)
+   subroutine mixed_difference(self, t, a, b, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
-      integer, intent(in) :: k
       real(wp), intent(in) :: t, a, b, c
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: s, r
 
       ! G is the gradient of H_k alone, at the four corners of x + s a u + r b v.
-      self%g = 0
-      self%g(:, k) = 1
+      self%g = self%f
       do r = -1, 1, 2
          do s = -1, 1, 2
             call add_sum(self, t, q, p, s*a, r*b, -s*r*c)

@@ -10,11 +10,12 @@
 !> The first line holds because a bracket with H_k is the derivative along v: {H,H_k} = H'[v], and along v again
 !> H''[v,v] + H'[Dv v]. With v = J H_k' the last term is H' J H_k'' v = -(J H') H_k'' v = -H_k''[u,v].
 !>
-!> The gradient is computed noise by noise: first the third derivatives along the fields, then r = 2 H''v - H_k''u, to
-!> which (Dv)^T is applied immediately. (Du)^T is applied to the sum over all noises, y = -sum_k H_k''v: one product at
-!> the end.
+!> The gradient is computed colour by colour, H_k being the sum of noises that have no bracket with each other: first
+!> the third derivatives along the fields, then r = 2 H''v - H_k''u, to which (Dv)^T is applied immediately. (Du)^T is
+!> applied to the sum over all colours, y = -sum_k H_k''v: one product at the end.
 module symsde_step_hamiltonian_brackets_exact
    use symsde_base_kinds, only: wp
+   use symsde_base_supports, only: noise_colours, noise_supports, sort_noises
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
    implicit none
@@ -27,14 +28,19 @@ module symsde_step_hamiltonian_brackets_exact
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
       logical, allocatable :: noisy(:)    !! noises that are not silent (nnoise)
+      type(noise_colours) :: colours      !! the same in colours, whose noises have no brackets with each other
       integer :: ngradient = 0, nproduct = 0  !! calls of the model per path since the last count
-      real(wp), allocatable :: f(:, :)    !! weights of one Hamiltonian (nlane, 0:nnoise)
+      real(wp), allocatable :: f(:, :)    !! weights of one noise or of a colour (nlane, 0:nnoise)
+      integer :: shown = 0                !! the colour in f; 0 = none
       real(wp), allocatable, dimension(:, :) :: uq, up, vq, vp, rq, rp, yq, yp, gq, gp, xq  !! (nlane, ndof)
    contains
+      procedure :: sort
       procedure :: add_exact
       procedure :: add_product
       procedure :: add_transposed
-      procedure :: field_of
+      procedure :: field_of_colour
+      procedure :: show_colour
+      procedure :: show_noise
       procedure :: field_of_sum
    end type exact_bracket
 
@@ -67,6 +73,27 @@ contains
       end associate
    end subroutine new_exact_bracket
 
+   !> Sort the noises into colours so that sum_k {{S,H_k},H_k} = sum_C {{S,F},F}, F being the sum of the noises of a
+   !> colour C: {H_k,H_l} = 0 and {{S,H_k},H_l} = S''[v_k,v_l] = 0 for its noises k /= l. Noises in position are tied by
+   !> the mass alone, others by every second derivative of H and of other noises, which bands tell.
+   subroutine sort(self)
+      class(exact_bracket), intent(inout) :: self
+      type(noise_supports) :: supports
+      integer :: reach, k
+
+      reach = 0
+      associate (t => self%model%traits)
+         if (t%position_noise .and. t%has_diagonal_mass()) then
+            supports = t%touches
+         else if (t%bandwidth >= 0) then
+            supports = t%touches
+            reach = t%bandwidth
+         end if
+         call sort_noises(supports, pack([(k, k=1, self%nnoise)], self%noisy), self%nnoise, self%ndof, .false., &
+                          reach, self%colours)
+      end associate
+   end subroutine sort
+
    !> Add the gradient of (h|h|/12) sum_k {{S,H_k},H_k} to (hq, hp), where S = sum_j weights_j H_j replaces H: the drift
    !> alone, or the whole step over h if brackets are crossed.
    subroutine add_exact(self, weights, t, h, q, p, hq, hp)
@@ -86,9 +113,8 @@ contains
       self%yq = 0
       self%yp = 0
       if (.not. additive) call self%field_of_sum(t, weights, q, p, self%uq, self%up)
-      do k = 1, self%nnoise
-         if (.not. self%noisy(k)) cycle
-         call self%field_of(t, k, q, p)
+      do k = 1, self%colours%n
+         call self%field_of_colour(t, k, q, p)
          call add_third(self, t, weights, c, self%vq, self%vp, q, p, hq, hp)
          if (additive) cycle
          ! the following terms have H_k'' and H_k''', which are zero for additive noise
@@ -145,17 +171,40 @@ contains
       call self%add_product(t, w, 1.0_wp, self%xq, rq, q, p, hq, hp)
    end subroutine add_transposed
 
-   !> v = the Hamiltonian field (H_k,p, -H_k,q); its weights stay in f.
-   subroutine field_of(self, t, k, q, p)
+   !> v = the Hamiltonian field (F_p, -F_q) of the sum F of the noises of a colour; its weights stay in f.
+   subroutine field_of_colour(self, t, colour, q, p)
       class(exact_bracket), intent(inout) :: self
-      integer, intent(in) :: k
+      integer, intent(in) :: colour
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
 
+      call self%show_colour(colour)
+      call self%field_of_sum(t, self%f, q, p, self%vq, self%vp)
+   end subroutine field_of_colour
+
+   !> f = the weights of the sum of the noises of a colour.
+   subroutine show_colour(self, colour)
+      class(exact_bracket), intent(inout) :: self
+      integer, intent(in) :: colour
+      integer :: i
+
+      if (colour == self%shown) return
+      self%f = 0
+      do i = self%colours%from(colour) + 1, self%colours%from(colour + 1)
+         self%f(:, self%colours%noise(i)) = 1
+      end do
+      self%shown = colour
+   end subroutine show_colour
+
+   !> f = the weights of one noise.
+   subroutine show_noise(self, k)
+      class(exact_bracket), intent(inout) :: self
+      integer, intent(in) :: k
+
       self%f = 0
       self%f(:, k) = 1
-      call self%field_of_sum(t, self%f, q, p, self%vq, self%vp)
-   end subroutine field_of
+      self%shown = 0
+   end subroutine show_noise
 
    !> (vq, vp) = (S_p, -S_q), the field of the sum S with weights w. The model writes S_q into vp and S_p into vq.
    subroutine field_of_sum(self, t, w, q, p, vq, vp)

@@ -83,7 +83,7 @@ contains
       self%nnoise = traits%nnoise
       self%noisy = [(k, k=1, traits%nnoise)]
       if (allocated(traits%silent)) self%noisy = pack(self%noisy, .not. traits%silent)
-      call sort_noises(traits%tied_supports(), self%noisy, traits%nnoise, traits%ndof, kicks%samples, self%colours)
+      call sort_noises(traits%tied_supports(), self%noisy, traits%nnoise, traits%ndof, kicks%samples, 0, self%colours)
       self%products = size(self%noisy) > 0 .and. .not. traits%additive
       ! Kicks with kappa use V, and D of the sampled form uses its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
