@@ -100,9 +100,10 @@ contains
                         first=options%first_step, every=options%save_every, theta=theta, u=u, c=c, value=value, &
                         status=status, failed_step=failed_step)
       observer%plan => plan
-      most = steps_at_once(options, model, plan%asked)
       run%options = options
       run%options%save_every = 1
+      call narrow_blocks(run%options, model, plan%asked)
+      most = steps_at_once(run%options, model, plan%asked)
       if (options%nstep <= most) then
          plan%nstep = int(options%nstep)
          plan%f => f
@@ -119,6 +120,24 @@ contains
       call cut(options%nstep, options%save_every, most, run%ends)
       call in_pieces(run, from, observer, report, error)
    end subroutine path_gradient
+
+   !> Choose narrower blocks if all steps of a run fit into memory then: a second way forward would take longer. Lanes
+   !> change no bit.
+   subroutine narrow_blocks(options, model, asked)
+      type(run_options), intent(inout) :: options
+      class(model_type), intent(in) :: model
+      type(functional_set), intent(in) :: asked
+      integer, parameter :: least = 64   !! lanes below which blocks take longer than a second way forward
+      type(run_options) :: narrower
+
+      if (options%nlane /= 0) return
+      narrower = options
+      narrower%nlane = choose_nlane(options, model)
+      do while (narrower%nlane >= 2*least .and. options%nstep > steps_at_once(narrower, model, asked))
+         narrower%nlane = padded(narrower%nlane/2)
+      end do
+      if (options%nstep <= steps_at_once(narrower, model, asked)) options%nlane = narrower%nlane
+   end subroutine narrow_blocks
 
    !> Number of steps of its block that a thread keeps.
    pure integer function steps_at_once(options, model, asked)
