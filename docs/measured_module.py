@@ -31,7 +31,7 @@ module symsde_scheme_measured
 
    type :: measurement
       character(len=name_length) :: scheme
-      integer :: class            !! of noise, or weak
+      integer :: class            !! class of the noise, or weak
       character(len=26) :: problem
       real(wp) :: order
       real(wp) :: half_width      !! half of the 95 % interval; for weak orders, difference of the last two slopes

@@ -409,7 +409,7 @@ contains
       character(:), allocatable :: found
       character(len=8) :: numbers(2)
 
-      if (c%damped_by_rate == c%damped_by_matrix) then
+      if (c%damped_by_rate == c%damped_by_matrix .and. index(c%damped_by_rate, 'refused') == 1) then
          call add(text, 'damped', c%damped_by_rate)
          return
       end if
