@@ -161,7 +161,8 @@ contains
    !> The numbers of two stages of Gauss for z = gamma h.
    pure type(gauss_terms) function gauss_of(z) result(g)
       real(wp), intent(in) :: z
-      real(wp) :: decaying(2, 2), b(2, 2), d(2)
+      real(wp), parameter :: ones(2) = 1
+      real(wp) :: decaying(2, 2), b(2, 2), d(2), v(2), w(2), with_loss(2)
       integer :: i, j
 
       !GCC$ novector  ! the last bits of a vector exponential depend on the width of registers
@@ -176,24 +177,31 @@ contains
       g%all = decay_less_one(z)
       g%trace = b(1, 1) + b(2, 2)
       g%det = b(1, 1)*b(2, 2) - b(1, 2)*b(2, 1)
-      associate (v => 0.5_wp*sum(decaying, 1), w => 0.5_wp*[d(2), d(1)])
-         g%v1 = quotient(v, [1.0_wp, 1.0_wp])
-         g%vc = quotient(v, gauss_c)
-         g%w1 = quotient(w, [1.0_wp, 1.0_wp])
-         g%wd = quotient(w, matmul(gauss_a, d))
-         g%wc = quotient(w, gauss_c)
-      end associate
+      do j = 1, 2
+         v(j) = 0.5_wp*(decaying(1, j) + decaying(2, j))
+         w(j) = 0.5_wp*d(3 - j)
+         with_loss(j) = gauss_a(j, 1)*d(1) + (gauss_a(j, 2)*d(2))
+      end do
+      call divide(v, ones, g%v1)
+      call divide(v, gauss_c, g%vc)
+      call divide(w, ones, g%w1)
+      call divide(w, with_loss, g%wd)
+      call divide(w, gauss_c, g%wc)
 
    contains
 
       !> The coefficients of row.(1 + x B)^{-1} column det (1 + x B), a polynomial in x.
-      pure function quotient(row, column) result(terms)
+      pure subroutine divide(row, column, terms)
          real(wp), intent(in) :: row(2), column(2)
-         real(wp) :: terms(2)
+         real(wp), intent(out) :: terms(2)
+         integer :: i
 
-         terms(1) = dot_product(row, column)
-         terms(2) = g%trace*terms(1) - dot_product(row, matmul(b, column))
-      end function quotient
+         terms(1) = row(1)*column(1) + (row(2)*column(2))
+         terms(2) = g%trace*terms(1)
+         do i = 1, 2
+            terms(2) = terms(2) - row(i)*(b(i, 1)*column(1) + (b(i, 2)*column(2)))
+         end do
+      end subroutine divide
 
    end function gauss_of
 
