@@ -11,7 +11,8 @@
 !> instance of a body for a single path is allocated, if there is one.
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_damping, only: damping_type, noise_of_scheme
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3
+   use symsde_base_functionals, only: path_stt_area
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
@@ -320,9 +321,10 @@ contains
       end if
    end subroutine check_damping
 
-   !> Refuse a choice of the noise of damped free motion where kicks have no such choice.
+   !> Refuse a choice of the noise of damped free motion where kicks have no such choice. The law that the scheme has
+   !> anyway is no other choice, and has the bits of none.
    subroutine check_damping_noise(task, error)
-      type(stepper_task), intent(in) :: task
+      type(stepper_task), intent(inout) :: task
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error) .or. task%damping_noise == noise_of_scheme) return
@@ -333,6 +335,8 @@ contains
                      'the closed system')
       else if (.not. can_choose(task%scheme)) then
          call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
+      else if (task%damping_noise == merge(noise_law3, noise_law2, task%scheme%asks%has(path_stt_area))) then
+         task%damping_noise = noise_of_scheme
       end if
 
    contains
