@@ -7,6 +7,7 @@ import ctypes
 import dataclasses
 import functools
 import json
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -17,12 +18,14 @@ import numpy as np
 
 from ..errors import FalseTraitError, InvalidArgumentError, NotANumberWarning, NotSavedWarning
 from ..model.definition import Model
+from ..model.thermostat import diagonal_masses
 from ..native import abi, callbacks, checks, files, handles
 from ..native.checks import address, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
 from ..show import tables, tabular
 from ..show.values import Values
+from . import bath_temperature
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
@@ -65,6 +68,23 @@ class Moments(MomentTables, Reported):
         self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
         if self.observers:
             self._check_names()
+
+    def _temperature(self) -> str:
+        """Of the last time: from observables where they were collected, else from the moments of p."""
+        model, at, none = self.setup.model, len(self.t) - 1, (math.nan, math.nan)
+        if not model._bath:
+            return ""
+        if all(name in self.mean for name in bath_temperature.NAMES):
+            values = [(self.mean[name][at], self.se_mean[name][at]) for name in bath_temperature.NAMES]
+            kinetic, (force, se_force), (stiffness, se_stiffness) = values
+            ratio = force / stiffness if stiffness else math.nan
+            error = (se_force + abs(ratio) * se_stiffness) / abs(stiffness) if stiffness else math.nan
+            return bath_temperature.of_moments(model, kinetic, (ratio, error), self.t[at])
+        masses = diagonal_masses(model)
+        if masses is None or not self.n_ok[at]:
+            return bath_temperature.of_moments(model, none, none, self.t[at])
+        squares = self.mean_p[at] ** 2 + self.var_p[at] * (1 - 1 / self.n_ok[at])
+        return bath_temperature.of_moments(model, (float((squares / masses).mean()), math.nan), none, self.t[at])
 
     def _check_names(self) -> None:
         """Refuse names of observers and observables that would give two variables of a file the same name."""

@@ -39,6 +39,8 @@ class Report:
     timings: dict[str, float]  #: seconds of setup and run
     lapack: str  #: name of the LAPACK that solved systems, which affects last bits; "" if none did
     versions: dict[str, str]  #: versions of the library, its compiler and options
+    #: of a model in a heat bath: kinetic and configurational temperature at the end, and where momenta stand; else ""
+    temperature: str = ""
 
     def __str__(self) -> str:
         """The report as a table, one line for each entry."""
@@ -49,6 +51,7 @@ class Report:
             "stepper": self.stepper,
             "correction": self.correction,
             **({"damping": self.damping} if self.damping else {}),
+            **({"temperature": self.temperature} if self.temperature else {}),
             "left out": "; ".join(self.left_out) or "nothing",
             **({"driven by": " and ".join(("dW", *self.functionals))} if self.functionals else {}),
             "counters": counted,
@@ -111,9 +114,13 @@ class Reported:
     @functools.cached_property
     def report(self) -> Report:
         """How the run was computed: stepper, what was left out, counters, failures, timings and versions."""
-        report = make_report(self._reported)
+        report = dataclasses.replace(make_report(self._reported), temperature=self._temperature())
         repeated = self.setup.repeated_noise()
         return dataclasses.replace(report, warnings=(*report.warnings, repeated)) if repeated else report
+
+    def _temperature(self) -> str:
+        """What the report tells of the temperatures of a bath."""
+        return ""
 
 
 def of_growth(grown: int) -> str:

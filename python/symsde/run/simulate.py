@@ -20,6 +20,7 @@ from ..native.signals import carry
 from ..schemes import Scheme
 from ..show import tabular
 from ..show.values import Values
+from . import bath_temperature
 from .report import Reported, filled
 from .saved import PathTables, no_energy
 from .setup import Setup, setup_of
@@ -90,6 +91,13 @@ class Run(PathTables, Reported):
                     self._keep_failures(before, report)
                 self._keep_report(report)
             self._warn_of_failures()
+
+    def _temperature(self) -> str:
+        """Of the last states of all paths that came to the end."""
+        whole = self.status == 0
+        return bath_temperature.of_states(
+            self.setup.model, self.last_q[:, whole], self.last_p[:, whole], float(self.t[-1])
+        )
 
     @checks.hinted()
     def extend(self, steps: int, *, save_every: int | None = None, progress: Progress = False) -> Run:

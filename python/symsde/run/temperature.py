@@ -11,9 +11,8 @@ import numpy as np
 from ..errors import IncompatibleError, InvalidArgumentError
 from ..model.definition import Model, require_model
 from ..show import tables
+from .bath_temperature import NAMES, WHERE
 from .moments import Moments
-
-NAMES = ("kinetic_temperature", "force_squared", "stiffness")
 
 
 @dataclass(frozen=True)
@@ -91,5 +90,5 @@ def temperatures(found: Moments) -> Temperatures:
         se_kinetic=se_kinetic,
         configurational=ratio,
         se_configurational=error,
-        momenta="positions and momenta stand at the same times, the ends of whole steps",
+        momenta=WHERE,
     )
