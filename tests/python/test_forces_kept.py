@@ -69,8 +69,13 @@ def test_friction_of_noises_hangs_on_parameters():
     for noise in ("-s*q", "-s*sin(q)"):
         model = ss.model_from_sympy("p**2/2 + q**2/2", noise=[noise], params={"s": 1.0})
         bath = ss.thermostat(model, beta=2.0)
-        with pytest.raises(errors.IncompatibleError, match="then call thermostat"):
-            bath.with_parameters(s=2.0)
+        if noise == "-s*q":  # rates were found for one value; friction that is a formula goes with its parameters
+            with pytest.raises(errors.IncompatibleError, match="then call thermostat"):
+                bath.with_parameters(s=2.0)
+        else:
+            new = ss.thermostat(model.with_parameters(s=2.0), beta=2.0)
+            runs = [ss.simulate(x, **RUN).p for x in (bath.with_parameters(s=2.0), new)]
+            np.testing.assert_array_equal(*runs)
         with pytest.raises(errors.IncompatibleError, match="differ from path to path"):
             ss.thermostat(model.with_parameters(s=np.array([1.0, 2.0, 3.0])), beta=2.0)
         with pytest.raises(errors.IncompatibleError, match="forces act"):

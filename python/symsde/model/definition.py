@@ -135,7 +135,8 @@ class Model:
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
     _forces: Forces = Forces()  #: what acts beside the Hamiltonians
-    _fluctuating: bool = False  #: whether thermostat found its friction from its noises
+    _fluctuating: bool = False  #: whether thermostat found its friction from its noises, for these values alone
+    _derives_bath: bool = False  #: whether that friction is a formula, which holds for other values, too
     _unforced: Model | None = None  #: for a model with forces the same model without them
     _closed: Model | None = None  #: for a damped model the same model without damping
     _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
@@ -328,6 +329,20 @@ class Model:
         return other if other.damping else closed
 
     @property
+    def _kicked(self) -> bool:
+        """Whether drifts and kicks fit: their traits, and forces of positions alone."""
+        return self.traits.kicked and self._forces.in_position
+
+    @property
+    def _noise_commutes(self) -> bool:
+        """Whether the fields of all noises commute, by what is declared of them and of their forces."""
+        if self.nnoise < 2:
+            return True
+        if self._forces.noise_force is not None:
+            return self.traits.position_noise and self._forces.noise_force_in_position
+        return self.traits.additive or self.traits.position_noise
+
+    @property
     def has_friction(self) -> bool:
         """Whether `damping` is a matrix of friction on velocities."""
         return isinstance(self._damping, tuple) and bool(self._damping) and isinstance(self._damping[0], tuple)
@@ -400,6 +415,13 @@ class Model:
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force
         )
         return self._with_forces(forces)
+
+    def _rubbed_by_noises(self, beta: float) -> Model:
+        """The model with the force -beta/2 sum_k H_k,q (H_k,q . H_p) of its noises in position, a friction.
+
+        Then exp(-beta H) is stationary: d(q, p) = X_H dt - beta/2 sum_k {H, H_k} X_k dt + sum_k X_k o dW_k.
+        """
+        return self.forced(_FrictionOfNoises(self, beta))
 
     def _with_forces(self, forces: Forces) -> Self:
         """The same model with these forces in place of those that it has."""
@@ -604,6 +626,21 @@ def _require_one_mass(model: Model) -> None:
                 f"masses of model {model.name} differ from path to path, and a matrix of friction needs one mass for "
                 "all paths: give rates, or a model for each mass"
             )
+
+
+@dataclass(frozen=True)
+class _FrictionOfNoises:
+    """A force of a model's own noises, which pickles where the model does."""
+
+    model: Model
+    beta: float
+
+    def __call__(self, q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
+        weights = np.eye(self.model.nnoise + 1)
+        velocity = self.model.gradient(q, p, weights[0], t)[1]
+        noises = (k for k in range(1, self.model.nnoise + 1) if k not in self.model.traits.silent)
+        gradients = (self.model.gradient(q, p, weights[k], t)[0] for k in noises)
+        return -self.beta / 2 * sum(g * (g * velocity).sum(axis=0) for g in gradients)
 
 
 def _forced_again(free: Model, forces: Forces) -> Model:

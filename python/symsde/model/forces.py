@@ -39,6 +39,13 @@ class Forces:
         return self.force is not None or self.noise_force is not None
 
     @property
+    def in_position(self) -> bool:
+        """Whether all that act depend on q and t alone."""
+        return (self.force is None or self.force_in_position) and (
+            self.noise_force is None or self.noise_force_in_position
+        )
+
+    @property
     def in_python(self) -> bool:
         """Whether some function is one of Python."""
         return any(x is not None and callbacks.compiled(_kind(n), x) is None for n, x in self.functions().items())

@@ -32,9 +32,9 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
 
     Without gamma the bath is made of the noises that the model has. Of H_k = -f_k.q with constant f_k it gets the
     friction on velocities that belongs to them, Gamma = beta/2 sum_k f_k f_k^T (`Model.damped`); of other noises in
-    position the force -beta/2 sum_k H_k,q (H_k,q . H_p), a function of Python (`Model.forced`), for any H. A model that
-    is damped already is given back if its friction is that one, sum_k f_k f_k^T = (Gamma + Gamma^T)/beta to 1e-9;
-    InvalidArgumentError says by how much it is not.
+    position the force -beta/2 sum_k H_k,q (H_k,q . H_p), for any H: of models of formulas it is a formula, of others a
+    function of Python (`Model.forced`). A model that is damped already is given back if its friction is that one,
+    sum_k f_k f_k^T = (Gamma + Gamma^T)/beta to 1e-9; InvalidArgumentError says by how much it is not.
 
     Refused (IncompatibleError): with gamma, a model that is damped; one that does not declare H = sum_i p_i^2/(2 m_i) +
     U(q) with constants m_i (identity_mass or constant_mass), since friction on p would not know its temperature; and
@@ -76,25 +76,25 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
         )
     found = _with_own_friction(model, inverse_temperature)
     if found is not model:
-        found._fluctuating = True
+        found._fluctuating, found._bath = not found._derives_bath, (inverse_temperature,)
     return found
 
 
 def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
     """A model with the friction that belongs to its noises at 1/inverse_temperature, or the same model."""
     if not model.damping and not _is_linear(model):
-        return _with_friction_force(model, inverse_temperature)
+        return model._rubbed_by_noises(inverse_temperature)
     forces = _constant_forces(model)
     product = forces @ forces.T
     if not model.damping:
         friction = inverse_temperature / 2 * product
-        masses = _diagonal_masses(model)
+        masses = diagonal_masses(model)
         if masses is not None and not np.any(friction - np.diag(np.diag(friction))):
             return model.damped(np.diag(friction) / masses)  # rates, for which more schemes and laws are known
         return model.damped(friction)
     friction = np.array(model.damping)
     if not model.has_friction:
-        masses = _diagonal_masses(model)
+        masses = diagonal_masses(model)
         if masses is None:
             raise IncompatibleError(
                 f"model {model.name} has rates of damping and a mass that is not diagonal: give it friction on "
@@ -117,22 +117,6 @@ def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
 def _is_linear(model: Model) -> bool:
     """Whether noises are linear in q by their traits, or are not of q alone, which is refused later."""
     return model.traits.additive or not model.traits.position_noise
-
-
-def _with_friction_force(model: Model, beta: float) -> Model:
-    """The model with the force -beta/2 sum_k H_k,q (H_k,q . H_p) of its noises in position, friction that depends on q.
-
-    Then exp(-beta H) is stationary: d(p, q) = X_H dt - beta/2 sum_k {H, H_k} X_k dt + sum_k X_k o dW_k.
-    """
-    noises = [k for k in range(1, model.nnoise + 1) if k not in model.traits.silent]
-    weights = np.eye(model.nnoise + 1)
-
-    def force(q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
-        velocity = model.gradient(q, p, weights[0], t)[1]
-        gradients = (model.gradient(q, p, weights[k], t)[0] for k in noises)
-        return -beta / 2 * sum(g * (g * velocity).sum(axis=0) for g in gradients)
-
-    return model.forced(force=force)
 
 
 def _constant_forces(model: Model) -> np.ndarray:
@@ -161,7 +145,7 @@ def _constant_forces(model: Model) -> np.ndarray:
     return np.array(found).T
 
 
-def _diagonal_masses(model: Model) -> np.ndarray | None:
+def diagonal_masses(model: Model) -> np.ndarray | None:
     """Masses m_i (dof,); None if the mass is not diagonal, or not known to be constant."""
     if model.traits.identity_mass:
         return np.ones(model.ndof)

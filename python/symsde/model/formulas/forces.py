@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import InvalidArgumentError, WrongShapeError
 from ...native import checks
+from ...native.files import optional
 from . import emit_c, in_numpy
 from .derivatives import Derivatives, engine, free
 from .graph import Graph
@@ -83,6 +84,18 @@ def _check(problem: Problem, rows: list[list[Any]]) -> None:
             raise WrongShapeError(
                 f"row {k} of noise_force has {len(row)} formulas: give one for each of the {n} degrees of freedom"
             )
+
+
+def friction_of_noises(problem: Problem, beta: float) -> list[list[Any]]:
+    """F = -beta/2 sum_k H_k,q (H_k,q . H_p), the friction that belongs to noises in position at 1/beta, and no f_k."""
+    h, *noises = problem.hamiltonians
+    sympy = optional("sympy", "sympy")
+    q, p = ([sympy.Symbol(x, real=True) for x in problem.coordinates(letter)] for letter in "qp")
+    gradients = [[sympy.diff(noise, x) for x in q] for noise in noises]
+    works = [sum(g * sympy.diff(h, y) for g, y in zip(row, p, strict=True)) for row in gradients]
+    half = sympy.Integer(int(beta / 2)) if beta == 2 * int(beta / 2) else sympy.Float(beta / 2)
+    force = [-half * sum(row[i] * work for row, work in zip(gradients, works, strict=True)) for i in range(len(q))]
+    return [force, *([0] * len(q) for _ in noises)]
 
 
 class ForceFormulas(Derivatives):

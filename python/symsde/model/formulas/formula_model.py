@@ -125,7 +125,7 @@ class FormulaModel(Model):
     def _forced_too(self, other: FormulaModel) -> FormulaModel:
         """Another model with the forces that `forced` gave this one; it has those of its formulas already."""
         _, (given,) = self._remade
-        by_formulas = given["force"] or given["noise_force"]
+        by_formulas = given["force"] or given["noise_force"] or given.get("bath")
         return other._with_forces(self._forces) if self._forces and not by_formulas else other
 
     def _part(self, where: slice | np.ndarray) -> FormulaModel:
@@ -134,6 +134,13 @@ class FormulaModel(Model):
             return self
         values = {key: x[where] if np.size(x) > 1 else x for key, x in self._parameters.items()}
         return self._forced_too(_of_values(self._code, values, self._by_formula or self.damping or None))
+
+    def _rubbed_by_noises(self, beta: float) -> Model:
+        """See `Model._rubbed_by_noises`; derived as formulas, which hold for other values of parameters, too."""
+        if self._derivatives is None:
+            return super()._rubbed_by_noises(beta)
+        make, (given,) = self._remade
+        return make({**given, "bath": beta})
 
     def damped(self, damping, *, allow_gain: bool = False, each: bool = False) -> FormulaModel:
         """As of every model; beside friction that its formulas hold."""
@@ -310,8 +317,10 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         return _of_values(code, code.parameters, given["damping"])
     model = _of_values(code, code.parameters, None)
     made = {**code.given, "params": code.parameters, "damping": None}
-    model._remade = (_made, ({**made, "force": None, "noise_force": None},))
+    model._remade = (_made, ({**made, "force": None, "noise_force": None, "bath": None},))
     model = _acted_upon(model, code.pulls, _pulled(code), None, (_made, (made,)))
+    if beta := given.get("bath"):
+        model._derives_bath, model._bath = True, (beta,)
     return _damped(model, code, given["damping"]) if given["damping"] is not None else model
 
 
@@ -369,6 +378,8 @@ def _derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         problem = make_problem(**chosen)
         problem, decaying = _rates.split(problem, formulas) if formulas else (problem, [])
         problem, acting = _forces.split(problem, rows)
+        if given.get("bath"):
+            acting = _forces.friction_of_noises(problem, given["bath"])
         prover = Prover(problem)
         if acting:
             parameters.require_numbers(problem.parameters, "of models with forces")
