@@ -87,8 +87,8 @@ contains
 
    !> The functionals that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which
    !> are constant for additive noise and vanish for noise in position, and between noises that touch no degree of
-   !> freedom together; J multiplies H_k,q . H_l,q, constant for additive noise and zero for noises
-   !> that do not meet; a silent noise has no functionals.
+   !> freedom together; J multiplies H_k,q . H_l,q, constant for additive noise without forces and zero for noises that
+   !> do not meet; a silent noise has no functionals.
    pure type(functional_set) function needed_for(self, traits)
       class(functional_set), intent(in) :: self
       type(model_traits), intent(in) :: traits
@@ -100,7 +100,7 @@ contains
       needed_for%has = self%has .and. nactive > 0
       needed_for%has(path_areas) = self%has(path_areas) .and. nactive > 1 .and. &
                                    .not. (traits%additive .or. traits%position_noise .or. traits%are_apart())
-      needed_for%has(path_magnus) = needed_for%has(path_magnus) .and. .not. traits%additive
+      needed_for%has(path_magnus) = needed_for%has(path_magnus) .and. .not. traits%noise_is_constant()
       if (needed_for%has(path_magnus)) call traits%find_meetings(needed_for%meeting)
    end function needed_for
 

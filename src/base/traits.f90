@@ -57,6 +57,7 @@ module symsde_base_traits
       type(force_traits) :: forces
    contains
       procedure :: correction_vanishes
+      procedure :: noise_is_constant
       procedure :: has_constant_mass
       procedure :: has_diagonal_mass
       procedure :: are_apart
@@ -110,6 +111,14 @@ contains
       if (self%forces%noise) vanishes = self%position_noise .and. self%forces%noise_in_position
    end function correction_vanishes
 
+   !> Whether the field of every noise is known to be constant, so that products of its derivatives vanish: H_k is
+   !> linear, and no force goes with a noise.
+   pure logical function noise_is_constant(self)
+      class(model_traits), intent(in) :: self
+
+      noise_is_constant = self%additive .and. .not. self%forces%noise
+   end function noise_is_constant
+
    !> Whether H = p.M^-1 p/2 + U(q) with a constant M is declared, by constant_mass or identity_mass.
    pure logical function has_constant_mass(self)
       class(model_traits), intent(in) :: self
@@ -128,7 +137,7 @@ contains
    pure type(noise_supports) function tied_supports(self)
       class(model_traits), intent(in) :: self
 
-      if (self%has_diagonal_mass()) tied_supports = self%touches
+      if (self%has_diagonal_mass() .and. .not. self%forces%noise) tied_supports = self%touches
    end function tied_supports
 
    !> The pairs of noises k <= l in position for which H_k,q . M^-1 H_l,q may not vanish; not allocated = all.
@@ -145,7 +154,7 @@ contains
       logical, allocatable :: touched(:)
       integer :: k
 
-      are_apart = self%touches%are_given()
+      are_apart = self%touches%are_given() .and. .not. self%forces%noise
       if (.not. are_apart) return
       allocate (touched(self%ndof), source=.false.)
       do k = 1, self%nnoise

@@ -110,7 +110,8 @@ contains
       result%commutative = result%noise <= vanishing
       ! Damping does not commute with any noise but those that move nothing.
       result%flows_commute = result%commutative .and. result%drift <= vanishing .and. .not. model%damping%acts()
-      call expect_orders(model%traits%nnoise, model%damping%acts(), associated(model%forces), result)
+      call expect_orders(model%traits%nnoise, model%damping%acts(), associated(model%forces), &
+                         model%traits%forces%in_position(), result)
    end subroutine commutator
 
    !> Largest |Hess F V_G - Hess G V_F| over the points for F = H_j, G = H_k, relative to the largest
@@ -241,10 +242,11 @@ contains
    end function largest
 
    !> Write which orders to expect.
-   pure subroutine expect_orders(nnoise, damped, forced, c)
+   pure subroutine expect_orders(nnoise, damped, forced, of_positions, c)
       integer, intent(in) :: nnoise
       logical, intent(in) :: damped   !! damped: schemes with brackets of H, or for means alone, do not run
-      logical, intent(in) :: forced   !! forced: no scheme of an order above one runs
+      logical, intent(in) :: forced   !! forced: schemes with brackets of Hamiltonians do not run
+      logical, intent(in) :: of_positions  !! forces depend on (q, t) alone, and kicks take them
       type(commutator_type), intent(inout) :: c
 
       ! Report the strongest result that holds; each case implies the cases before it.
@@ -255,6 +257,8 @@ contains
       else if (c%commutative .and. forced) then
          c%text = 'the noises commute, with their forces: strong order 1 from every consistent tableau with '// &
                   'increments alone'
+         if (of_positions) c%text = c%text//'; where H = p.M^-1 p/2 + U(q) and noise is in position, 3/2 from '// &
+                                    'gauss_dkdkd with dZ, 2 from gauss_dkdkd_strong2'
       else if (forced) then
          c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute, with their forces: strong '// &
                   'order 1/2 with increments alone, 1 from midpoint_areas where no force goes with a noise'

@@ -163,6 +163,11 @@ contains
       else if (.not. c%symplectic) then
          text = 'no factor of dp ^ dq, nor of volume'
          return
+      else if (scheme%kicks%rational) then
+         text = 'volume times the product of (1 - x_i)/(1 + x_i), x_i = gamma_i h/2'
+         if (kind == one_rate) text = 'dp ^ dq times (1 - x)/(1 + x), x = gamma h/2 ('//evidence_text(c%structure)// &
+                                      '); <p^2> of a free particle '// &
+                                      to_text(temperature_at_rest(executed, 1.0_wp))//'/beta at gamma h = 1'
       else if (kind == one_rate) then
          text = 'dp ^ dq times exp(-gamma h) ('//evidence_text(c%structure)//'); <p^2> of a free particle '// &
                 to_text(temperature_at_rest(executed, 1.0_wp))//'/beta at gamma h = 1'

@@ -53,6 +53,8 @@ contains
          why = 'adds brackets of H, which damping would change in time'
       else if (scheme%kicks%is_word() .and. kind /= one_rate) then
          why = 'is a word, whose noise has one law for all momenta, that of one rate'
+      else if (scheme%kicks%rational .and. kind /= one_rate .and. kind /= unequal_rates) then
+         why = 'multiplies momenta by rational functions of rates, which are numbers for it'
       else if ((brackets%areas .or. products) .and. kind == unequal_rates .and. scheme%nstage > 1) then
          why = 'adds products of gradients, which keep their form where all rates are equal'
       else if (kind == varying_rates .and. (scheme%frame /= frame_none .or. scheme%kicks%flow /= flow_free)) then

@@ -54,6 +54,7 @@ module symsde_scheme_kicks
       logical :: samples = .false.         !! whether J is sampled; else its mean is used
       integer :: flow = flow_free          !! flow between kicks: one of the enumerators
       real(wp), allocatable :: decay(:)    !! of a word: part of the step's decay before each kick (nkick)
+      logical :: rational = .false.        !! drifts multiply momenta by (1 - x)/(1 + x), x = gamma tau/2, not exp(-2 x)
    contains
       procedure :: uses_dz
       procedure :: uses_k

@@ -13,6 +13,14 @@
 !> that reads the same from behind is a symmetric composition of flows that are exact, or exact in law: of weak order
 !> two, and of order two without noise. Each O multiplies dp ^ dq by exp(-gamma tau); A and B keep it.
 !>
+!> 'gjf' is the scheme of Groenbech-Jensen and Farago (2013): half of force and noise, a drift of damped momenta, and
+!> the other half at the new position,
+!>
+!>    P = (p - h U_q(q)/2 - W_q(q)/2)/(1 + z/2),   q' = q + h M^-1 P,   p' = (1 - z/2) P - h U_q(q')/2 - W_q(q')/2
+!>
+!> with z = gamma h and W = sum_k dW_k H_k. It is the tableau lobatto2 under the force F = -gamma p, by the discrete
+!> principle of forces (docs/forces.md), where that is explicit. Its drift multiplies dp ^ dq by (1 - z/2)/(1 + z/2).
+!>
 !> As data a word is a list of kicks (scheme/kicks), one for each B and O, between free drifts: the O have a share of
 !> the decay of the step, which comes before their noise.
 module symsde_scheme_words
@@ -29,6 +37,7 @@ module symsde_scheme_words
    public :: word_scheme, give_word_law, word_prefix
 
    character(*), parameter :: word_prefix = 'word:'
+   character(*), parameter :: trapezoid = 'gjf'
    integer, parameter :: longest = 24   !! letters of a word
 
 contains
@@ -40,9 +49,30 @@ contains
       logical, intent(out) :: known
       type(error_type), allocatable, intent(inout) :: error
 
-      known = index(name, word_prefix) == 1
-      if (known) call read_word(scheme, name, trim(name(len(word_prefix) + 1:)), error)
+      known = index(name, word_prefix) == 1 .or. name == trapezoid
+      if (name == trapezoid) then
+         call make_trapezoid(scheme)
+      else if (known) then
+         call read_word(scheme, name, trim(name(len(word_prefix) + 1:)), error)
+      end if
    end subroutine word_scheme
+
+   !> Kicks of dW alone at both ends, without the products that other kicks add for noises that are not linear: lobatto2
+   !> has none.
+   subroutine make_trapezoid(scheme)
+      type(scheme_type), intent(inout) :: scheme
+      type(kicks_type) :: kicks
+
+      call new_kicks(kicks, [0.0_wp, 1.0_wp], [0.5_wp, 0.5_wp], share=[0.0_wp, 0.0_wp])
+      kicks%rational = .true.
+      call complete(scheme, trapezoid, kicks)
+      scheme%needs%instead = 'lobatto2 with the force -gamma p'
+      scheme%reference = 'Groenbech-Jensen, Farago 2013; [WHSB] (9)-(17) with Lobatto''s rule'
+      scheme%order_noise_free = 2
+      call set_order(scheme%order(additive_noise), 1.0_wp, evidence_derived)
+      call set_order(scheme%order(commutative_noise), 1.0_wp, evidence_derived)
+      call set_order(scheme%order(weak_order), 1.0_wp, evidence_derived)
+   end subroutine make_trapezoid
 
    !> The kicks of a word, letter by letter.
    subroutine read_word(scheme, name, word, error)

@@ -21,7 +21,7 @@ module symsde_step_factory
    use symsde_scheme_damped, only: damped_refusal, one_rate, unequal_rates, friction_matrix, varying_rates
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
-   use symsde_scheme_kicks, only: flow_free
+   use symsde_scheme_kicks, only: flow_free, flow_midpoint
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
                                    correction_increments, frame_shift, frame_mean_path, frame_rotation, ito_form, &
@@ -82,7 +82,8 @@ module symsde_step_factory
 
    !> Steppers for models with forces: they take all derivatives from the one-step Hamiltonian, which adds the forces,
    !> and do not assume that these derivatives are symmetric.
-   integer, parameter :: with_forces(*) = [explicit, midpoint_full, euler_pair, general, euler_maruyama, galerkin]
+   integer, parameter :: with_forces(*) = [verlet_dz, explicit, midpoint_full, euler_pair, general, euler_maruyama, &
+                                           galerkin, splitting]
 
 contains
 
@@ -365,8 +366,13 @@ contains
          call refuse('adds brackets of Hamiltonians, and a force has none')
       else if (task%model%traits%forces%noise .and. task%scheme%brackets%areas) then
          call refuse('adds brackets of noises by their areas, and those of noise forces are no Hamiltonians')
-      else if (task%scheme%frame /= frame_none .or. task%scheme%form == splitting_form) then
+      else if (task%scheme%frame /= frame_none .and. task%scheme%frame /= frame_shift) then
          call refuse('is made of flows of Hamiltonians, of which a force is none')
+      else if (task%scheme%frame == frame_shift .and. task%model%traits%forces%noise) then
+         call refuse('shifts positions by additive noises, which forces f_k are not')
+      else if (kicks_alone(task%scheme) .and. .not. task%model%traits%forces%drift_in_position) then
+         call refuse('kicks momenta at given positions, and its kicks are exact for forces F(q,t) without p '// &
+                     '(declare position_force where that is so)')
       end if
 
    contains
@@ -379,6 +385,16 @@ contains
       end subroutine refuse
 
    end subroutine check_forces
+
+   !> Whether all of F acts by kicks, which needs a force of positions. Kicks of noises without products go with
+   !> midpoint steps, in which F may depend on p.
+   pure logical function kicks_alone(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      kicks_alone = scheme%frame == frame_shift
+      if (scheme%form == splitting_form) &
+         kicks_alone = scheme%kicks%flow /= flow_midpoint .or. scheme%needs%constant_mass
+   end function kicks_alone
 
    !> Refuse a model that lacks what the scheme needs, and name a scheme that needs less.
    subroutine check_needs(model, scheme, error)

@@ -80,7 +80,8 @@ contains
          if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
          if (.not. task%damping%is_constant()) memory%lane = memory%lane + 6*n  ! rates at three nodes, and two states
          if (scheme%form == splitting_form) then  ! it has no separate oracle
-            if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + meetings(t)  ! D_kl
+            if (.not. t%noise_is_constant() .and. scheme%kicks%samples) &
+               memory%lane = memory%lane + meetings(t)  ! D_kl
          else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
             call add_matrices(task, active%are_added(), stages, memory)
          end if

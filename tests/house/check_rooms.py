@@ -41,8 +41,8 @@ ASKS_MODEL = {
     "one_dof/brackets.f90": (4, "brackets are made of derivatives of each H_j, third ones too where they nest"),
     "one_dof/brackets_kinetic.f90": (2, "the same, of every U_j"),
     "splitting/derivatives.inc": (
-        2,
-        "kicks are flows of the part of Hhat that depends on q: sums of U and H_k, or each",
+        3,
+        "kicks are flows of the part of Hhat that depends on q: sums of U and H_k, or each, with derivatives of forces",
     ),
     "splitting/products.inc": (5, "products in kicks: Hess V M^-1 V_q, and Hess H_k with gradients of other H_l"),
 }

@@ -151,6 +151,28 @@ def model_of(ridges, kind, *, third=True, silent=(), bandwidth=None):
     )
 
 
+#: forces along the axis `force`: what they depend on, and whether forces go with noises, too
+FORCES = ("curl", "curls", "drag", "all")
+
+
+def pulls_of(force, ndof, nnoise):
+    """Pulls of reference.Forced: no gradients where there are two degrees of freedom; `drag` and `all` have p."""
+    units, n = np.eye(2 * ndof), ndof
+    found = []
+    for i in range(n):
+        near = units[(i + 1) % n] - 0.5 * units[i]
+        if force in {"drag", "all"}:
+            near = near + 0.8 * units[n + i]
+        found.append((0, np.eye(n)[i], 0.6 - 0.2 * i, near, 0.3 * i, 0.9))
+        if force in {"drag", "all"}:
+            found.append((0, np.eye(n)[i], -0.5, units[n + i], 0.0, 0.0))
+    for k in range(1, nnoise + 1) if force in {"curls", "all"} else ():
+        i = k % n
+        near = units[(i + 1) % n] + 0.4 * units[i] + (0.5 * units[n + i] if force == "all" else 0)
+        found.append((k, np.eye(n)[i], 0.35, near, 0.4 * k, 0.7))
+    return found
+
+
 def start(ndof, paths):
     """Initial states q, p (dof, path), different for every path."""
     i = np.arange(1, ndof * paths + 1).reshape(ndof, paths)

@@ -80,6 +80,44 @@ class Ridges:
         return self._parts(_product(self.wide_powers[1], moved))
 
 
+class Forced:
+    """A model of Hamiltonians with forces beside them: the field (H_p, -H_q + F), in rows of what takes the place of a
+    gradient and of its derivative, which is not symmetric.
+
+    A force of Hamiltonian j is a sum of v s sin(a.x + b + nu t), with vectors v (dof) and a (2 dof).
+    """
+
+    def __init__(self, model, pulls):
+        """Pulls are (j, v, s, a, b, nu)."""
+        self.model, self.ndof, self.nnoise, self.turn = model, model.ndof, model.nnoise, model.turn
+        j, v, s, a, b, nu = zip(*pulls, strict=True)
+        self.v = np.array(v, float) * np.array(s, float)[:, None]
+        self.a, self.b, self.nu = np.array(a, float), np.array(b)[:, None], np.array(nu)[:, None]
+        self.of = (np.arange(model.nnoise + 1)[:, None] == np.array(j)).astype(float)
+
+    def _pulls(self, order, t, x):
+        y = (self.a[:, :, None] * x).sum(axis=1) + self.b + self.nu * t
+        return np.cos(y) if order else np.sin(y)
+
+    def derivative(self, order, t, x):
+        """Rows of the field (order 1) and of its derivatives (order 2); Hamiltonians alone have third ones."""
+        found = self.model.derivative(order, t, x)
+        if order in (1, 2):
+            by = (self.a,) if order == 2 else ()
+            terms = np.einsum("jr,ri,rl->jil" if order == 1 else "jr,ri,rl,ra->jial", self.of, self.v,
+                              self._pulls(order - 1, t, x), *by)  # fmt: skip
+            found[:, : self.ndof] -= terms
+        return found
+
+    def force(self, q, p, t):
+        """F (dof, lane)."""
+        return np.einsum("r,ri,rl->il", self.of[0], self.v, self._pulls(0, t, np.concatenate([q, p])))
+
+    def noise_force(self, q, p, t):
+        """f_k (noise, dof, lane)."""
+        return np.einsum("jr,ri,rl->jil", self.of[1:], self.v, self._pulls(0, t, np.concatenate([q, p])))
+
+
 def _product(matrix, x):
     """Product of a matrix (.., .., 1) with vectors; a lane has the same bits whichever lanes are beside it."""
     return np.add.reduce(matrix * x, axis=1)

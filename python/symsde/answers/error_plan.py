@@ -117,7 +117,7 @@ def default_schemes(model: Model) -> list[str]:
     """Schemes that a study compares by default; includes splittings of order four if the model consists of drifts
     and kicks.
     """
-    kicked = isinstance(model, Model) and model.traits.kicked
+    kicked = isinstance(model, Model) and model._kicked
     return [*_COMPARED, *(("gauss_dkdkd", "chin4a") if kicked else ())]
 
 
@@ -317,8 +317,8 @@ def _has_exact(plan: Plan) -> bool:
 def _better(plan: Plan, scheme: Scheme) -> str:
     """The best affordable reference on the Brownian paths of a scheme."""
     model = plan.model
-    commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
-    if model.ndof <= SMALL and model.traits.kicked and not model._forces:
+    commutative = model._noise_commutes
+    if model.ndof <= SMALL and model._kicked:
         return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
     if model.damping or model._forces:
         return _better_open(model, commutative)
@@ -334,9 +334,9 @@ def _better(plan: Plan, scheme: Scheme) -> str:
 
 def _better_open(model: Model, commutative: bool) -> str:
     """The best affordable reference for damped models, which schemes with brackets of H and with shifts refuse, and
-    for models with forces, which schemes with kicks and areas refuse, too.
+    for models with forces, which areas refuse, too, and kicks where forces depend on p.
     """
-    if model.traits.kicked and not model._forces:
+    if model._kicked:
         return "gauss_dkdkd"
     if model.has_friction or model.ndof > SMALL:
         return "midpoint"

@@ -126,8 +126,9 @@ contains
       real(wp) :: z, ratio, last
       integer :: i
 
-      ! Noise and decay of a word have the law of the bath for every gamma h.
-      if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0) .or. scheme%kicks%is_word()) return
+      ! Noise and decay of a word, and of gjf, have the law of the bath for every gamma h.
+      if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0)) return
+      if (scheme%kicks%is_word() .or. scheme%kicks%rational) return
       if (.not. damping%is_constant()) return  ! the temperature is unknown
       if (allocated(traits%silent)) then
          if (all(traits%silent)) return

@@ -77,6 +77,7 @@ module symsde_step_hamiltonian_one_step
       procedure :: bare_force_stiffness
       procedure :: bare_pair
       procedure :: bare_product
+      procedure :: take_force
       procedure, private :: narrow_to_part, narrow_to_lanes
       generic :: narrow => narrow_to_part, narrow_to_lanes
       procedure :: widen
@@ -190,9 +191,9 @@ contains
       if (self%forced .and. present(hq)) call take_force(self, n, t, w, q, p, hq)
    end subroutine bare_gradient
 
-   !> Subtract Fhat from Hhat_q.
+   !> Subtract Fhat from Hhat_q, where forces act.
    subroutine take_force(self, n, t, w, q, p, hq)
-      type(one_step_hamiltonian), intent(in) :: self
+      class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n
       real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
       real(wp), intent(inout) :: hq(n, self%ndof)

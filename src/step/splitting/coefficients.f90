@@ -67,7 +67,7 @@ module symsde_step_splitting_coefficients
 contains
 
    !> Allocate for blocks of nlane lanes, and find the weights that matter to these kicks and this model. Additive
-   !> noises have constant gradients, whose products have no effect.
+   !> noises have constant gradients, whose products have no effect unless forces go with them.
    subroutine new_kick_weights(self, kicks, traits, damping, damping_noise, nlane)
       type(kick_weights), intent(out) :: self
       type(kicks_type), intent(in) :: kicks
@@ -84,7 +84,7 @@ contains
       self%noisy = [(k, k=1, traits%nnoise)]
       if (allocated(traits%silent)) self%noisy = pack(self%noisy, .not. traits%silent)
       call sort_noises(traits%tied_supports(), self%noisy, traits%nnoise, traits%ndof, kicks%samples, 0, self%colours)
-      self%products = size(self%noisy) > 0 .and. .not. traits%additive
+      self%products = size(self%noisy) > 0 .and. .not. traits%noise_is_constant()
       ! Kicks with kappa use V, and D of the sampled form uses its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()

@@ -8,10 +8,11 @@
 !> In a damped model the free flow decays, by the rate gamma_i of every degree of freedom (or by a matrix of friction,
 !> see step/open/friction; or by functions of position and time, see step/open/varying), and so does a rotation:
 !>
-!>    q <- q + phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
+!>    q <- q + M^-1 phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
 !>    q <- q + (g - 1) q + s p,   p <- p + (g - 1 - gamma s) p - omega^2 s q
 !>
-!> with the response s of q to a kick of p and g = s' + gamma s. For mu = gamma/2, kappa^2 = omega^2 - mu^2 these are
+!> with the response s of q to a kick of p and g = s' + gamma s. Unequal phi_i do not commute with a mass that is not
+!> diagonal: p is stretched by them before M^-1 is applied. For mu = gamma/2, kappa^2 = omega^2 - mu^2 these are
 !> s = exp(-mu tau) sin(kappa tau)/kappa and g = exp(-mu tau) cos(kappa tau) + mu s, or hyperbolic functions. Where
 !> damping is strong, with the rates r = mu + sgn(mu) sqrt(-kappa^2), omega^2/r, and phi_r = (1 - exp(-r tau))/r,
 !>
@@ -27,7 +28,8 @@
 !> every omega h, which does not limit the step; the kicks are then those of U without its linear part (remove_linear).
 !> Coefficients of a decay are kept in the same way, dp <- dp + (exp(-gamma tau) - 1) y.
 !>
-!> In a word of flows (scheme/words) drifts are free, and momenta decay at kicks.
+!> In a word of flows (scheme/words) drifts are free, and momenta decay at kicks. The scheme gjf has rational functions
+!> in place of these, phi = tau/(1 + gamma tau/2) and 1 - gamma phi.
 !>
 !> Private to its family.
 module symsde_step_splitting_drift
@@ -51,6 +53,7 @@ module symsde_step_splitting_drift
       type(coupled_rotation), allocatable :: coupled        !! rotation with a matrix of friction
       type(varying_decay), allocatable, public :: varying   !! decays by rates that are functions
       logical, public :: decays_at_kicks = .false.
+      logical :: rational = .false.
       real(wp), allocatable :: part(:)             !! of a word: part of the decay before each kick (nkick)
       logical, public :: one_rate = .false.        !! all degrees of freedom decay alike
       real(wp), allocatable :: rate(:)             !! gamma (ndof)
@@ -63,6 +66,8 @@ module symsde_step_splitting_drift
       procedure :: move
       procedure :: prepare
       procedure :: decay
+      procedure :: stretches_first
+      procedure :: stretch
       procedure :: decay_at
       procedure :: remove_linear
    end type drift_flow
@@ -71,12 +76,13 @@ contains
 
    !> Drifts of nleg different durations in a step; rotations where omega is given, decays where momenta are damped, at
    !> kicks where parts of them are given.
-   subroutine new_drift_flow(self, nleg, nlane, ndof, omega, damping, part)
+   subroutine new_drift_flow(self, nleg, nlane, ndof, omega, damping, part, rational)
       type(drift_flow), intent(out) :: self
       integer, intent(in) :: nleg, nlane, ndof
       real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
       type(damping_type), intent(in), optional :: damping
       real(wp), allocatable, intent(in), optional :: part(:)   !! not allocated: not at kicks (nleg - 1)
+      logical, intent(in), optional :: rational                !! rational functions in place of exponentials
 
       if (present(damping)) self%decays = damping%acts()
       if (self%decays) then
@@ -98,6 +104,7 @@ contains
          self%decays = .not. allocated(part)
          if (allocated(part)) self%part = part
       end if
+      if (present(rational)) self%rational = rational
       if (.not. present(omega)) return
       self%rotates = .true.
       self%decays = .false.  ! a rotation decays by itself
@@ -154,12 +161,17 @@ contains
 
       if (abs(tau - self%duration(leg)) <= 0) return
       self%duration(leg) = tau
-      self%reach(:, leg) = tau*decay_integral(1.0_wp, self%rate*tau)
+      if (self%rational) then
+         self%reach(:, leg) = tau/(1 + 0.5_wp*(self%rate*tau))
+      else
+         self%reach(:, leg) = tau*decay_integral(1.0_wp, self%rate*tau)
+      end if
       self%loss(:, leg) = -self%rate*self%reach(:, leg)
    end subroutine prepare
 
    !> Drift with decay over the time tau, leg `leg` of the step: dq <- dq + phi v with the velocity v = M^-1 (p + dp),
-   !> dp <- dp + (exp(-gamma tau) - 1) (p + dp).
+   !> or dq <- dq + v with v = M^-1 phi (p + dp) where `stretches_first` says so, and dp <- dp + (exp(-gamma tau) - 1)
+   !> (p + dp).
    subroutine decay(self, leg, tau, nlane, ndof, v, p, dq, dp)
       class(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
@@ -174,10 +186,35 @@ contains
       end if
       call self%prepare(leg, tau)
       do i = 1, ndof
-         call add_times(nlane, self%reach(i, leg), v(:, i), dq(:, i))
+         if (self%stretches_first()) then
+            dq(:, i) = dq(:, i) + v(:, i)
+         else
+            call add_times(nlane, self%reach(i, leg), v(:, i), dq(:, i))
+         end if
          call lose(nlane, self%loss(i, leg), p(:, i), dp(:, i))
       end do
    end subroutine decay
+
+   !> Whether phi differs between degrees of freedom, so that `decay` is given v = M^-1 phi (p + dp).
+   pure logical function stretches_first(self)
+      class(drift_flow), intent(in) :: self
+
+      stretches_first = self%decays .and. allocated(self%rate) .and. .not. self%one_rate
+   end function stretches_first
+
+   !> p_i <- phi_i p_i, of leg `leg` of the step.
+   subroutine stretch(self, leg, tau, nlane, ndof, p)
+      class(drift_flow), intent(inout) :: self
+      integer, intent(in) :: leg, nlane, ndof
+      real(wp), intent(in) :: tau                                   !! duration with its sign [time]
+      real(wp), intent(inout) :: p(nlane, ndof)
+      integer :: i
+
+      call self%prepare(leg, tau)
+      do i = 1, ndof
+         p(:, i) = self%reach(i, leg)*p(:, i)
+      end do
+   end subroutine stretch
 
    !> The decay before kick i of a step of length h: dp <- dp + (exp(-part_i gamma h) - 1) (p + dp).
    subroutine decay_at(self, i, h, nlane, ndof, p, dp)

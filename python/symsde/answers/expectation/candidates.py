@@ -71,10 +71,7 @@ def _splits_evenly(traits: Traits, name: str) -> bool:
 
 def commutes(model: Model, t: float) -> bool:
     """Whether the noises commute at time t, as far as traits and sample points tell."""
-    traits = model.traits
-    if model.nnoise < 2 or traits.additive or traits.position_noise:
-        return True
-    return commutator(model, t=t).commutative
+    return model._noise_commutes or commutator(model, t=t).commutative
 
 
 def _names(traits: Traits) -> list[str]:

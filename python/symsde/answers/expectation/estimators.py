@@ -318,7 +318,8 @@ def columns(problem: Problem, scheme: Scheme) -> int:
     """How many numbers drive a noise in a step: 1 for dW, 2 with dZ, 3 with K; 0 if the scheme needs areas or J."""
     info, traits = scheme.info, problem.model.traits
     areas = info.uses_areas and problem.model.nnoise > 1 and not (traits.additive or traits.position_noise)
-    if info.law != "Gaussian" or areas or (info.uses_magnus and not traits.additive):
+    constant = traits.additive and problem.model._forces.noise_force is None
+    if info.law != "Gaussian" or areas or (info.uses_magnus and not constant):
         return 0
     return 3 if info.uses_stt_area else 2 if info.uses_dz else 1
 
