@@ -18,7 +18,7 @@ module symsde_base_counters
       integer(i8) :: pivoted_solves = 0   !! solves with exchanges of rows
       integer(i8) :: lapack_solves = 0    !! solves by LAPACK, with exchanges of rows
       integer(i8) :: failures = 0         !! path-steps that Newton from zero increments did not solve
-      integer(i8) :: damped = 0           !! failures that damped Newton solved
+      integer(i8) :: damped = 0           !! failures that shortened corrections of Newton solved
       integer(i8) :: continued = 0        !! failures that continuation in the increments solved
    end type counters_type
 

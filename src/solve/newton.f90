@@ -31,7 +31,7 @@ module symsde_solve_newton
    use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed
    use symsde_solve_stagnation, only: correct_first, correct_exact, fail_nonfinite
    use symsde_solve_stagnation, only: correct_scalar, iterate_scalar, correct_lanes, test_lanes
-   use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
+   use symsde_solve_shortening, only: shortening_type, new_shortening, start_shortening, reject, accept
    implicit none
    private
    public :: newton_type, newton_options, new_newton, check_newton, patience
@@ -44,7 +44,7 @@ module symsde_solve_newton
    type :: newton_options
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
       integer :: fixed_point = 0        !! n > 0: exactly n fixed-point iterations instead of Newton
-      logical :: damped = .false.       !! shorten corrections that do not lower the residual; by `update` alone
+      logical :: shortens = .false.     !! shorten corrections that do not lower the residual; by `update` alone
    contains
       procedure :: is_free
    end type newton_options
@@ -71,7 +71,7 @@ module symsde_solve_newton
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
       type(block_solver), private :: solver
-      type(damping_type) :: damping
+      type(shortening_type) :: shortening
    contains
       procedure :: start
       procedure :: update
@@ -87,11 +87,12 @@ contains
    include 'newton_scalar.inc'
    include 'all_lanes.inc'
 
-   !> Whether the options ask for neither damping nor a number of iterations: then steppers may choose how to solve.
+   !> Whether the options ask for neither shortened corrections nor a number of iterations: then steppers may choose how
+   !> to solve.
    pure logical function is_free(self)
       class(newton_options), intent(in) :: self
 
-      is_free = self%fixed_point <= 0 .and. .not. self%damped
+      is_free = self%fixed_point <= 0 .and. .not. self%shortens
    end function is_free
 
    !> Refuse numbers of iterations out of range.
@@ -112,8 +113,8 @@ contains
 
    !> Allocate n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals. The stopping test
    !> depends on the equations and their derivatives: done at once for linear equations, quadratic for exact
-   !> derivatives, else linear. Damping and a given number of iterations (is_free false) use neither linearity nor
-   !> exactness.
+   !> derivatives, else linear. Shortened corrections and a given number of iterations (is_free false) use neither
+   !> linearity nor exactness.
    subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only, exact)
       type(newton_type), intent(out) :: self
       integer, intent(in) :: nlane, n
@@ -139,7 +140,7 @@ contains
       end if
       ! Allocate residuals and matrices; a stepper with its own linear solver needs none.
       allocate (self%r(nlane, n), self%active(nlane), self%verdict(nlane))
-      if (options%damped) call new_damping(self%damping, nlane, n)
+      if (options%shortens) call new_shortening(self%shortening, nlane, n)
       if (options%fixed_point > 0) return
       if (kl < 0) then
          allocate (self%a(nlane, n, n))
@@ -150,9 +151,9 @@ contains
       if (kl >= 0 .or. n > 1) call new_block_solver(self%solver, nlane, n, kl, ku)
    end subroutine new_newton
 
-   !> Solve A d = r, subtract d from the unknowns of the running lanes, and test each lane. With damping, first judge
-   !> the last correction by the new residual, and halve it if the residual did not fall. A fixed-point iteration x <- x
-   !> - r solves no system.
+   !> Solve A d = r, subtract d from the unknowns of the running lanes, and test each lane. Where corrections
+   !> are shortened, first judge the last correction by the new residual, and halve it if the residual did not fall. A
+   !> fixed-point iteration x <- x - r solves no system.
    subroutine update(self, x, status, counters)
       class(newton_type), intent(inout) :: self
       real(wp), intent(inout) :: x(self%nlane, self%n)         !! unknowns
@@ -160,10 +161,10 @@ contains
       type(counters_type), intent(inout) :: counters
 
       if (contracts_are_executed) call require_statuses(self%nlane, status, 'solve, newton')
-      if (self%options%damped) then
-         call reject(self%damping, self%r, self%last, x, self%step, self%size)
+      if (self%options%shortens) then
+         call reject(self%shortening, self%r, self%last, x, self%step, self%size)
          call solve_correction(self, status, counters)
-         call accept(self%damping, self%r, self%last, x, self%step, self%size)
+         call accept(self%shortening, self%r, self%last, x, self%step, self%size)
       else
          if (self%options%fixed_point == 0) call solve_correction(self, status, counters)
          call correct_lanes(self%nlane, self%n, self%r, self%last, x, self%step, self%size)

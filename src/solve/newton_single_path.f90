@@ -10,7 +10,7 @@ module symsde_solve_newton_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_solve_blocks, only: pivot_floor, max_lane_unknowns
    use symsde_solve_elimination_single_path, only: solve_scalar
-   use symsde_solve_damping, only: start_damping
+   use symsde_solve_shortening, only: start_shortening
    use symsde_solve_newton, only: newton_type, mark, stop_lanes
    use symsde_solve_stagnation, only: stopping_test, done, failed
    implicit none
@@ -29,9 +29,9 @@ contains
       real(wp) :: smallest
 
       ! Cases for solve/newton: a repeated iteration, fewer unknowns than elimination handles, bands, too many unknowns,
-      ! and damping.
+      ! and shortened corrections.
       if (self%keeps_matrix .or. self%n < 3 .or. self%n > max_lane_unknowns .or. .not. allocated(self%a) .or. &
-          self%options%damped) then
+          self%options%shortens) then
          self%keeps_matrix = .false.
          call self%update(x, status, counters)
          return

@@ -90,7 +90,8 @@ contains
                                                       traits%has_hessian .or. traits%has_hessian_vector)
    end function pays_by_products
 
-   !> Whether Newton's iteration of a midpoint is solved without matrices; damping and a given number of iterations need
+   !> Whether Newton's iteration of a midpoint is solved without matrices; shortened corrections and a given number of
+   !> iterations need
    !> matrices.
    pure logical function does_without_matrices(traits, unknowns, options)
       type(model_traits), intent(in) :: traits

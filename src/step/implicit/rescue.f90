@@ -4,14 +4,14 @@
 !> The attempts, the same for every scheme in tableau form, bounded and counted:
 !>
 !>    1. Newton from zero increments        the stepper itself
-!>    2. damped Newton                      here, on the general stepper's equations
+!>    2. Newton, shortened corrections      here, on the general stepper's equations
 !>    3. continuation in the increments     (h, dW) scaled by k/16, k = 1..16, each from the last solution
 !>    4. the path fails, with the status of rung 1
 !>
 !> The step is never divided, since that would be another scheme and another noise. The general stepper solves the same
 !> equations as every special stepper, so a root that it finds is a root of the scheme's equations.
 !>
-!> Damped Newton shortens a correction until the residual decreases (solve/damping). Continuation solves the
+!> A correction is shortened until the residual decreases (solve/shortening). Continuation solves the
 !> equations of the weights (k/16) (h, dW), at the nodes of the whole step. Newton begins from zero for k = 1, where
 !> the slopes are small; each solution times k/(k-1) is the next starting point, since slopes are roughly proportional
 !> to the weights. Only the equations of k = 16 are those of the step and determine its result.
@@ -136,7 +136,7 @@ contains
       m = self%model%traits%nnoise
       allocate (self%stepper)
       call new_general_stepper(self%stepper, self%model, self%scheme, self%correction, lane_unit, &
-                               newton_options(max_iter=self%max_iter, damped=.true.), self%damping)
+                               newton_options(max_iter=self%max_iter, shortens=.true.), self%damping)
       allocate (self%w(lane_unit, 0:m), self%part(lane_unit, 0:m))
       allocate (self%q(lane_unit, n), self%p(lane_unit, n))
       allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
@@ -169,11 +169,11 @@ contains
       ! Copies get a status; the lanes to be rescued have none.
       lane_status = nonfinite
       lane_status(:n) = 0
-      ! Rung 2: start from zero slopes, with damping.
+      ! Rung 2: start from zero slopes, with shortened corrections.
       call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, lane_status)
       call keep(self, n, lanes, lane_status, dq, dp, status, saved)
       self%counters%damped = self%counters%damped + saved
-      ! Rung 3 for the lanes that damping has not solved.
+      ! Rung 3 for the lanes that these have not solved.
       if (any(lane_status(:n) /= 0)) then
          call continue_increments(self, n, few, lane_status)
          call keep(self, n, lanes, lane_status, dq, dp, status, saved)

@@ -9,7 +9,7 @@ module symsde_step_midpoint_dense_single_path
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: angle_terms, differences_alone
-   use symsde_solve_damping, only: start_damping
+   use symsde_solve_shortening, only: start_shortening
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, patience, mark, stop_lanes
    use symsde_solve_newton_single_path, only: update
    use symsde_solve_stagnation, only: stopping_test, iterate_scalar, done, failed

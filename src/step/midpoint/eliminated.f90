@@ -86,7 +86,8 @@ contains
 
    !> How to solve the systems (I + (h/4) K) d = r of a model: by rows if K is tridiagonal, by products if it is dense
    !> and large, else by matrices. Rows need second derivatives of the model: if these are differences of gradients,
-   !> step/midpoint/dense sweeps before it forms any. Damping and a given number of iterations need matrices.
+   !> step/midpoint/dense sweeps before it forms any. Shortened corrections and a given number of iterations need
+   !> matrices.
    pure integer function choose_way(model, options) result(way)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options

@@ -12,7 +12,7 @@ module symsde_step_midpoint_one_dof_single_path
    use symsde_base_record, only: step_record
    use symsde_model_kernels, only: angle_terms
    use symsde_scheme_scheme, only: correction_none
-   use symsde_solve_damping, only: start_damping
+   use symsde_solve_shortening, only: start_shortening
    use symsde_solve_newton, only: newton_type, new_newton, mark, stop_lanes
    use symsde_solve_stagnation, only: stopping_test, seen, done, failed, restart_lanes
    use symsde_step_midpoint_angle, only: find_angle_velocity, find_angle_point

@@ -16,7 +16,7 @@ module symsde_step_one_dof_newton_single_path
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver, pivot_floor
    use symsde_solve_elimination_single_path, only: solve_scalar
-   use symsde_solve_damping, only: start_damping
+   use symsde_solve_shortening, only: start_shortening
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, mark, stop_lanes
    use symsde_solve_stagnation, only: stopping_test, done, failed
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Damped Newton: a correction that does not lower the residual is halved until it does,
+!> Newton with shortened corrections: one that does not lower the residual is halved until it does,
 !>
 !>    x <- x - tau d,   A d = r(x),   tau = 1, 1/2, 1/4, ..  until  |r(x - tau d)| <= (1 - tau/4) |r(x)|
 !>
@@ -8,49 +8,49 @@
 !>
 !> An update calls `reject` before it solves, with the residual at the x of the last correction, and `accept` after it.
 !> The system of a rejected lane is solved, too, but its solution is not used, as x is then a point on the way back.
-module symsde_solve_damping
+module symsde_solve_shortening
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: damping_type, new_damping, start_damping, reject, accept
+   public :: shortening_type, new_shortening, start_shortening, reject, accept
 
    real(wp), parameter :: shortest = 2.0_wp**(-30)  !! a lane whose tau is below this fails
    real(wp), parameter :: rounding = 1e-10_wp       !! corrections smaller than this, relative to x, are not judged
 
-   type :: damping_type
+   type :: shortening_type
       private
       real(wp), allocatable :: x(:, :), d(:, :)  !! last accepted unknowns and their correction (nlane, n)
       real(wp), allocatable :: merit(:)          !! largest residual at that x (nlane)
       real(wp), allocatable :: tau(:)            !! fraction of the correction applied (nlane)
       logical, allocatable :: rejected(:)        !! (nlane)
-   end type damping_type
+   end type shortening_type
 
 contains
 
    !> Room for n unknowns in each of nlane lanes.
-   subroutine new_damping(self, nlane, n)
-      type(damping_type), intent(out) :: self
+   subroutine new_shortening(self, nlane, n)
+      type(shortening_type), intent(out) :: self
       integer, intent(in) :: nlane, n
 
       allocate (self%x(nlane, n), self%d(nlane, n), self%merit(nlane), self%tau(nlane), self%rejected(nlane))
-   end subroutine new_damping
+   end subroutine new_shortening
 
    !> Start without a residual: the first residual is compared with infinity, so no correction is rejected.
-   subroutine start_damping(self)
-      type(damping_type), intent(inout) :: self
+   subroutine start_shortening(self)
+      type(shortening_type), intent(inout) :: self
 
       self%merit = huge(1.0_wp)
       self%tau = 1
       self%x = 0
       self%d = 0
-   end subroutine start_damping
+   end subroutine start_shortening
 
    !> Judge the last corrections by the residuals r at x, and halve corrections that did not lower them, x = x_old -
    !> tau d. A residual that is not finite counts as the largest number. Corrections at rounding are not judged. A lane
    !> whose tau is too short gets an infinite correction; the stopping test then fails it.
    subroutine reject(self, r, last, x, step, size)
-      type(damping_type), intent(inout) :: self
+      type(shortening_type), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)              !! residuals at x (nlane, n)
       real(wp), intent(inout) :: last(:)           !! >= 0: the lane is running (nlane)
       real(wp), intent(inout) :: x(:, :), step(:), size(:)
@@ -81,7 +81,7 @@ contains
    !> Take the full corrections r of the running lanes that were not rejected, and keep x and correction for the next
    !> judgement.
    subroutine accept(self, r, last, x, step, size)
-      type(damping_type), intent(inout) :: self
+      type(shortening_type), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)              !! corrections (nlane, n)
       real(wp), intent(in) :: last(:)
       real(wp), intent(inout) :: x(:, :), step(:), size(:)
@@ -99,4 +99,4 @@ contains
       end do
    end subroutine accept
 
-end module symsde_solve_damping
+end module symsde_solve_shortening
