@@ -50,6 +50,10 @@ def symplecticity(
 
     q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), by default increments of `seed`. The result
     is zero up to rounding for symplectic schemes.
+
+    Of a model damped by one rate it is the distance from exp(-gamma h) J. Of a model with forces it says what the force
+    does to the form in a step, and is no defect of the scheme: to first order h (F_q^T - F_q) and -h F_p J, where F_q
+    and F_p are derivatives of F. Forces that are gradients of a potential in q leave it zero.
     """
     decided = {"steps": "it makes one", "paths": "the points are those of q, p and dw", "t0": "give t"}
     checks.not_given("symplecticity", options, decided)
@@ -65,7 +69,11 @@ def symplecticity(
 
 
 def action(run: Run) -> np.ndarray:
-    """Discrete action [WHSB] (49) of each step of a run with save_every = 1: (step, path)."""
+    """Discrete action [WHSB] (49) of each step of a run with save_every = 1: (step, path).
+
+    Of a model with forces it is that of its Hamiltonians: the work of forces belongs to a variation, [WHSB] (12), and
+    no value of the action holds it; `euler_lagrange_residual` does.
+    """
     setup = _setup_of(run)
     values = np.empty((setup.options.steps, setup.paths))
     _examine("discrete_action", run, values)

@@ -33,6 +33,7 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_run_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
    use symsde_ensemble_run_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
+   use symsde_model_probe_friction, only: describe_friction
    use symsde_model_catalogue_by_name, only: is_built_in
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
@@ -139,6 +140,9 @@ contains
       call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
       if (.not. allocated(error)) call new_runners(self, scheme, single, error)
       if (allocated(error)) return
+      if (.not. model%damping%acts()) &
+         call describe_friction(model, options%t0, options%t0 + options%step*merge(1, 0, options%nstep > 0), q0(1, :), &
+                                p0(1, :), self%report%damping)
       call probe_whole_steps(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), &
                              error)
       if (allocated(error)) return
