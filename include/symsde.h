@@ -197,11 +197,15 @@ int symsde_model_thermostat(symsde_model model, int ngamma, const double *gamma,
                             symsde_error *error);
 /* let a force F(q,p,t) act on any model, dp = (-H_q + F) dt + .., or forces f_k on its noises, dp = .. + (-H_k,q + f_k) o
  * dW_k. derivative may be NULL (differences then); in_position says that nothing depends on p. user is passed to both.
- * force = NULL takes it back. No run may be using the model. Tableaux execute forces; other schemes are refused */
+ * force = NULL takes it back. No run may be using the model. Tableaux execute forces, kicks those in position; other
+ * schemes are refused */
 int symsde_model_set_force(symsde_model model, symsde_force force, symsde_force_derivative derivative, int in_position,
                            void *user, symsde_error *error);
 int symsde_model_set_noise_force(symsde_model model, symsde_force force, symsde_force_derivative derivative,
                                  int in_position, void *user, symsde_error *error);
+/* say that no component i of a force depends on q_j or p_j with |i-j| > bandwidth; -1 takes it back. Implicit steps of
+ * many degrees of freedom then solve equations with bands, where the Hamiltonians have a bandwidth, too */
+int symsde_model_set_force_bandwidth(symsde_model model, int bandwidth, symsde_error *error);
 /* Functions of a model with parameters by path get a pointer to this struct in place of their user pointer. */
 typedef struct symsde_lanes {
    const double *parameters; /* [nparameter][nlane] of the lanes of this call */
@@ -391,7 +395,7 @@ typedef struct symsde_report {
    int32_t correction;  /* the correction that was used */
    /* path_steps: steps until paths failed, were absorbed or stopped; normals: numbers drawn for these steps */
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
-   int64_t failures, damped, continued; /* steps not solved from zero; of these: by damping; by continuation */
+   int64_t failures, damped, continued; /* steps not solved from zero; by shortened corrections; by continuation */
    int64_t failed, stopped; /* paths */
    int32_t threads, lanes; /* lanes of a block: 1 if few paths run one by one */
    double lost_variance, seconds_setup, seconds_run; /* lost_variance: lost by truncation from a normal number */

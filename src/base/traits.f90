@@ -21,6 +21,7 @@ module symsde_base_traits
       logical :: drift_in_position = .true.     !! F depends on (q, t) alone
       logical :: noise_in_position = .true.     !! every f_k does
       logical :: has_derivative = .false.       !! derivatives by q and p are analytic
+      integer :: bandwidth = dense              !! b: no component i depends on q_j or p_j with |i-j| > b
    contains
       procedure :: act
       procedure :: in_position
@@ -58,6 +59,7 @@ module symsde_base_traits
    contains
       procedure :: correction_vanishes
       procedure :: noise_is_constant
+      procedure :: reach
       procedure :: has_constant_mass
       procedure :: has_diagonal_mass
       procedure :: are_apart
@@ -118,6 +120,15 @@ contains
 
       noise_is_constant = self%additive .and. .not. self%forces%noise
    end function noise_is_constant
+
+   !> Bandwidth of the derivative of the whole field, with its forces.
+   pure integer function reach(self)
+      class(model_traits), intent(in) :: self
+
+      reach = self%bandwidth
+      if (.not. self%forces%act()) return
+      reach = merge(dense, max(reach, self%forces%bandwidth), min(reach, self%forces%bandwidth) < 0)
+   end function reach
 
    !> Whether H = p.M^-1 p/2 + U(q) with a constant M is declared, by constant_mass or identity_mass.
    pure logical function has_constant_mass(self)

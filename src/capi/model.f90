@@ -30,7 +30,7 @@ module symsde_capi_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
    public :: symsde_model_set_damping, symsde_model_set_friction, symsde_model_set_damping_function
    public :: symsde_model_thermostat
-   public :: symsde_model_set_force, symsde_model_set_noise_force
+   public :: symsde_model_set_force, symsde_model_set_noise_force, symsde_model_set_force_bandwidth
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
    integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
@@ -331,6 +331,32 @@ contains
 
       status = set_force(model, 2, force, derivative, in_position, user, error)
    end function symsde_model_set_noise_force
+
+   !> Declare how far the forces of a model reach: no component i depends on q_j or p_j with |i-j| > bandwidth.
+   function symsde_model_set_force_bandwidth(model, bandwidth, error) result(status) &
+      bind(c, name='symsde_model_set_force_bandwidth')
+      type(c_ptr), intent(in), value :: model, error
+      integer(c_int), intent(in), value :: bandwidth   !! -1: nothing is declared
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      class(force_type), pointer :: acting
+      type(model_handle), pointer :: holder
+
+      call find_model(model, known, refusal)
+      if (.not. allocated(refusal) .and. bandwidth < -1) &
+         call raise(refusal, invalid_argument, 'symsde_model_set_force_bandwidth', 'bandwidth = '// &
+                    to_text(int(bandwidth))//': give 0 or more, or -1 where nothing is known')
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(model, holder)
+         if (.not. associated(holder%forces)) allocate (holder%forces)
+         holder%forces%traits%bandwidth = bandwidth
+         nullify (acting)
+         if (holder%forces%traits%act()) acting => holder%forces
+         call known%set_forces(acting)
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_force_bandwidth
 
    !> Set the force F of a handle, or the forces f_k of its noises.
    integer(c_int) function set_force(model, part, force, derivative, in_position, user, error) result(status)

@@ -57,6 +57,7 @@ module symsde_model_abstract
       procedure :: force
       procedure :: force_derivative
       procedure :: force_along
+      procedure :: force_bands
    end type model_type
 
    abstract interface
@@ -321,6 +322,18 @@ contains
       call self%forces%along(nlane, ndof, nnoise, t, w, q, p, vq, vp, u, code)
       if (code /= 0) call self%note_failure(code)
    end subroutine force_along
+
+   !> Bands of the derivatives of Fhat (model/forces), where forces act and have a bandwidth of b at most.
+   subroutine force_bands(self, nlane, ndof, nnoise, b, t, w, q, p, fq, fp)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise, b
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: fq(nlane, -b:b, ndof), fp(nlane, -b:b, ndof)
+      integer :: code
+
+      call self%forces%bands(nlane, ndof, nnoise, b, t, w, q, p, fq, fp, code)
+      if (code /= 0) call self%note_failure(code)
+   end subroutine force_bands
 
    !> The first nonzero return code of a user callback since clear_failure; 0 = none. Built-in models never fail.
    integer function never_failed(self) result(code)

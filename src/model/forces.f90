@@ -27,6 +27,7 @@ module symsde_model_forces
       procedure :: derivative => differences
       procedure, non_overridable :: differences
       procedure :: along
+      procedure :: bands
    end type force_type
 
    abstract interface
@@ -93,6 +94,42 @@ contains
          end do
       end do
    end subroutine along
+
+   !> The bands -b .. b of both derivatives, fq(:, d, i) = dFhat_i/dq_{i+d} and fp likewise, where no component depends
+   !> on q_j or p_j further away: central differences by every (2b+1)-th coordinate at once.
+   subroutine bands(self, nlane, ndof, nnoise, b, t, w, q, p, fq, fp, code)
+      class(force_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise, b
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: fq(nlane, -b:b, ndof), fp(nlane, -b:b, ndof)
+      integer, intent(out) :: code
+      real(wp), allocatable, dimension(:, :) :: v, zero, u
+      integer :: first, i, j
+
+      allocate (v(nlane, ndof), zero(nlane, ndof), u(nlane, ndof), source=0.0_wp)
+      fq = 0
+      fp = 0
+      do first = 1, min(2*b + 1, ndof)
+         v(:, first::2*b + 1) = 1
+         call force_difference(self, nlane, ndof, nnoise, t, w, q, p, v, zero, u, code)
+         if (code /= 0) return
+         do j = first, ndof, 2*b + 1
+            do i = max(1, j - b), min(ndof, j + b)
+               fq(:, j - i, i) = u(:, i)
+            end do
+         end do
+         if (.not. self%traits%in_position()) then
+            call force_difference(self, nlane, ndof, nnoise, t, w, q, p, zero, v, u, code)
+            if (code /= 0) return
+            do j = first, ndof, 2*b + 1
+               do i = max(1, j - b), min(ndof, j + b)
+                  fp(:, j - i, i) = u(:, i)
+               end do
+            end do
+         end if
+         v(:, first::2*b + 1) = 0
+      end do
+   end subroutine bands
 
    !> Central difference along (vq, vp): no component moves further than `reach` times the larger of it and one.
    subroutine force_difference(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, u, code)

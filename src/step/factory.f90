@@ -50,6 +50,7 @@ module symsde_step_factory
    use symsde_step_one_sided_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
    use symsde_step_splitting_stepper_single_path, only: splitting_single_path => splitting_stepper
+   use symsde_step_stages_forced, only: forced_stages_stepper, forced_stages_fit
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits
    use symsde_step_stages_stepper_single_path, only: stages_single_path => stages_stepper
    use symsde_step_one_dof_stepper, only: one_dof_stepper, one_dof_fits
@@ -76,14 +77,14 @@ module symsde_step_factory
    !> tableau.
    enum, bind(c)
       enumerator :: model_flow = 1, verlet_dz, mean_path, explicit, mean_force, midpoint, midpoint_one_dof
-      enumerator :: midpoint_full, euler_pair, one_dof, stages
+      enumerator :: midpoint_full, euler_pair, one_dof, stages, forced_stages
       enumerator :: first_oracle, general = first_oracle, euler_maruyama, galerkin, splitting, last_stepper = splitting
    end enum
 
    !> Steppers for models with forces: they take all derivatives from the one-step Hamiltonian, which adds the forces,
    !> and do not assume that these derivatives are symmetric.
-   integer, parameter :: with_forces(*) = [verlet_dz, explicit, midpoint_full, euler_pair, general, euler_maruyama, &
-                                           galerkin, splitting]
+   integer, parameter :: with_forces(*) = [verlet_dz, explicit, midpoint_full, euler_pair, forced_stages, general, &
+                                           euler_maruyama, galerkin, splitting]
 
 contains
 
@@ -100,6 +101,7 @@ contains
    !> midpoint ..          the midpoint rule, without momenta, of one degree of freedom, of all unknowns
    !> euler_pair           the Euler pair if it is implicit
    !> one_dof, stages      several implicit stages: of one degree of freedom, or with eliminated momenta
+   !> forced_stages        implicit stages of many unknowns under forces
    subroutine offer(i, task, stepper)
       integer, intent(in) :: i   !! model_flow .. last_stepper
       type(stepper_task), intent(in) :: task
@@ -124,6 +126,7 @@ contains
       case (-one_dof); if (one_dof_fits(task)) allocate (one_dof_single_path :: stepper)
       case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
       case (-stages); if (stages_fits(task)) allocate (stages_single_path :: stepper)
+      case (forced_stages, -forced_stages); if (forced_stages_fit(task)) allocate (forced_stages_stepper :: stepper)
          ! The oracles follow, which test only the form of the scheme.
       case (general, -general); if (task%is_tableau()) allocate (general_stepper :: stepper)
       case (euler_maruyama, -euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
@@ -248,6 +251,8 @@ contains
       if (task%damping%acts() .and. .not. task%general) first = merge(midpoint, one_dof, task%scheme%is_midpoint())
       do i = first, last_stepper
          if (associated(model%forces) .and. all(i /= with_forces)) cycle
+         ! forced stages with bands sweep a whole block at once
+         if (i == midpoint_full .and. model%traits%reach() >= 0 .and. forced_stages_fit(task)) cycle
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
          call stepper%make(task)

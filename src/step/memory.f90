@@ -30,6 +30,7 @@ module symsde_step_memory
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_implicit_newton_krylov, only: pays_by_products
    use symsde_step_open_damped, only: damped_fits
+   use symsde_step_stages_forced, only: forced_stages_fit
    use symsde_step_stages_stepper, only: fits_stages
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -131,14 +132,15 @@ contains
 
       associate (t => task%model%traits, scheme => task%scheme, lane => memory%lane, once => memory%once)
          n = t%ndof
-         b = t%bandwidth
+         b = t%reach()
          unknowns = 2*n*stages
          ! Whether the factory would choose a special stepper: stages, midpoint, or the stepper of a frame.
          damping = task%damping
          if (damped_fits(task)) damping = damping_type()  ! the closed system's step stands between decays
          by_parts = fits_stages(task%model, scheme, task%newton, damping) .and. &
                     (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
-         by_parts = .not. task%general .and. (by_parts .or. scheme%is_midpoint() .and. .not. brackets .or. &
+         by_parts = .not. task%general .and. (by_parts .or. forced_stages_fit(task) .or. &
+                                              scheme%is_midpoint() .and. .not. brackets .or. &
                                               scheme%needs%additive .or. scheme%frame /= frame_none)
          if (scheme%form == galerkin_form) then
             unknowns = (scheme%nstage + scheme%degree)*n

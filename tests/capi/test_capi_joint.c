@@ -489,6 +489,8 @@ static void test_forces(void) {
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    CHECK(fabs(a.p[(NTIME - 1) * PATHS] - pow((1 - h) / (1 + h), (double)options.steps)) < 1e-6);
    OK(symsde_model_set_noise_force(model, noise_pull, NULL, 1, NULL, &error));
+   OK(symsde_model_set_force_bandwidth(model, 0, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "give 0 or more", symsde_model_set_force_bandwidth(model, -2, &error));
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    OK(symsde_model_set_force(model, drag, NULL, 1, &fine, &error));
    EXPECT(SYMSDE_FALSE_TRAIT, "F depends on q and t alone|say that it does",

@@ -153,3 +153,20 @@ def test_unequal_rates_with_a_mass_that_couples(scheme):
     exact = end("gauss3", 7)
     found = [np.abs(end(scheme, k) - exact).max() for k in (3, 5)]
     assert np.log2(found[0] / found[1]) / 2 > 1.9, found
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet", "verlet_kdk", "chin4a"])
+def test_what_the_diagnosis_of_forms_says_of_forces(scheme):
+    """Zero for a force that is a gradient; for a curl h |dF_2/dq_1 - dF_1/dq_2|, for drag h |F_p|, to first order."""
+    body = "p1**2/2 + p2**2/2 + q1**4/4 + 0*q2"
+    point = {"q": [0.3, 0.4], "p": [0.2, -0.1], "dw": [0.0]}
+
+    def defect(force, h):
+        model = ss.model_from_sympy(body, noise=["0"], force=force)
+        return ss.diagnose.symplecticity(model, scheme, step=h, **point)[0]
+
+    assert defect(["-q2**2 - q1", "-2*q1*q2"], 0.1) < 1e-9
+    for h in (0.1, 0.01):
+        assert defect(["0.8*q2", "-0.5*q1"], h) / h == pytest.approx(1.3, abs=3 * h)
+    if scheme in {"midpoint", "gauss2", "stormer_verlet"}:
+        assert defect(["-0.4*p1*(1 + q1**2)", "0"], 0.01) / 0.01 == pytest.approx(0.436, abs=0.03)

@@ -78,6 +78,7 @@ VALUES = {
     "noise_force_derivative": lambda q, p, t: (2 * q[None, None], 0 * q[None, None]),
     "position_force": False,
     "position_noise_force": True,
+    "force_bandwidth": 0,
     "name": "own",
     "out": OMITTED,
     "max_time": OMITTED,

@@ -38,6 +38,7 @@ _TAKEN = frozenset(
             "force",
             "force_derivative",
             "force_along",
+            "force_bands",
             "gradient",
             "value",
             "hessian",

@@ -180,6 +180,7 @@ class Model:
         noise_force_derivative: Any = None,
         position_force: bool = False,
         position_noise_force: bool = False,
+        force_bandwidth: int | None = None,
         name: str = "user",
     ):
         """Make the model; see the class for the arguments."""
@@ -233,8 +234,9 @@ class Model:
             make = functools.partial(_derived, make)
         self._adopt(make, name, {})
         forces = _forces(
-            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force
-        )
+            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
+            force_bandwidth,
+        )  # fmt: skip
         if forces:
             self._force(_copied(self), forces)
         if damping is not None:
@@ -392,6 +394,7 @@ class Model:
         noise_force_derivative: Any = None,
         position_force: bool = False,
         position_noise_force: bool = False,
+        force_bandwidth: int | None = None,
     ) -> Self:
         """The same model with forces beside its Hamiltonians, in place of those that it has:
 
@@ -402,6 +405,8 @@ class Model:
         - force_derivative, noise_force_derivative: two arrays, derivatives by q and by p, (dof, dof, lane) or (noise,
           dof, dof, lane); [.., j, i, :] is that of component i by q_j or p_j. Without them Newton's iteration takes
           differences
+        - force_bandwidth: b, where no component i of a force depends on q_j or p_j with |i - j| > b, as 0 for drag on
+          each degree of freedom. Implicit steps of chains then solve equations with bands, as they do without forces
         - position_force, position_noise_force: whether F, and every f_k, depend on q and t alone; then separable models
           keep their explicit schemes
 
@@ -412,8 +417,9 @@ class Model:
         solutions are refused (IncompatibleError). For F = -gamma p take `damped`, whose steps keep the exact factor.
         """
         forces = _forces(
-            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force
-        )
+            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
+            force_bandwidth,
+        )  # fmt: skip
         return self._with_forces(forces)
 
     def _rubbed_by_noises(self, beta: float) -> Model:
@@ -610,10 +616,18 @@ def _copied(model: Model) -> Model:
     return other
 
 
-def _forces(force, derivative, noise_force, noise_derivative, *in_position) -> Forces:
+def _forces(force, derivative, noise_force, noise_derivative, *declared) -> Forces:
     """Forces from the arguments of `Model.forced`."""
+    *in_position, bandwidth = declared
     flags = (checks.flag(x, y) for x, y in zip(("position_force", "position_noise_force"), in_position, strict=True))
-    return Forces(force, derivative, noise_force, noise_derivative, *flags)
+    if bandwidth is not None:
+        bandwidth = checks.integer("force_bandwidth", bandwidth)
+        if bandwidth < 0:
+            raise InvalidArgumentError(
+                f"force_bandwidth = {bandwidth}: give the largest |i - j| of q_j or p_j on which a component i of a "
+                "force depends, or nothing"
+            )
+    return Forces(force, derivative, noise_force, noise_derivative, *flags, bandwidth)
 
 
 def _require_one_mass(model: Model) -> None:

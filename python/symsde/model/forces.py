@@ -24,6 +24,7 @@ class Forces:
     noise_force_derivative: Any = None  #: of the f_k
     force_in_position: bool = False  #: F depends on q and t alone
     noise_force_in_position: bool = False  #: every f_k does
+    bandwidth: int | None = None  #: no component i of them depends on q_j or p_j with |i - j| > bandwidth
 
     def __post_init__(self) -> None:
         """Refuse what is no function, and derivatives of nothing."""
@@ -52,7 +53,7 @@ class Forces:
 
     def functions(self) -> dict[str, Any]:
         """The functions by their names."""
-        return {x.name: getattr(self, x.name) for x in fields(self) if not x.name.endswith("in_position")}
+        return {x.name: getattr(self, x.name) for x in fields(self) if not x.name.endswith(("in_position", "width"))}
 
     def told(self) -> dict[str, str]:
         """The functions that act, by the names of arguments, for files."""
@@ -68,6 +69,8 @@ class Forces:
             second, other = _ready(f"{kind}_derivative", derivative, handle.failures, noises)
             handle.forces.append((first, second, function, derivative))
             handles.call(f"model_set_{kind}", handle.pointer, first, second, int(in_position), user or other)
+        if self and self.bandwidth is not None:
+            handles.call("model_set_force_bandwidth", handle.pointer, self.bandwidth)
 
 
 def _kind(name: str) -> str:

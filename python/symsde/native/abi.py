@@ -328,6 +328,7 @@ FUNCTIONS = {
     "model_thermostat": (_handle, c_int, POINTER(c_double), c_int, POINTER(c_double), _error),
     "model_set_force": (_handle, CALLBACKS["force"], CALLBACKS["force_derivative"], c_int, c_void_p, _error),
     "model_set_noise_force": (_handle, CALLBACKS["force"], CALLBACKS["force_derivative"], c_int, c_void_p, _error),
+    "model_set_force_bandwidth": (_handle, c_int, _error),
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),
     "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),

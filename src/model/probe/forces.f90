@@ -4,6 +4,7 @@
 !>    linear in w        f(0) = 0 and f(w + 2 v) = f(w) + 2 f(v),     f = sum_j w_j F_j
 !>    lane by lane       the force of a lane is the same whether all lanes differ or are equal
 !>    in position        f(q, p) = f(q, p') if forces are declared to depend on q and t alone
+!>    bandwidth          component i of f stays the same where q_j and p_j change with |i-j| > b
 !>    derivatives        (f(x + e v) - f(x - e v))/(2 e) = f_q vq + f_p vp if derivatives are given
 !>
 !> Private to its family.
@@ -47,6 +48,7 @@ contains
             end do
          end do
          call probe_position(points, w, v, error)
+         call probe_bandwidth(points, w, error)
          call model%force(nlane, n, m, t, w, points%q, points%p, f)
          call model%force(nlane, n, m, t, v, points%q, points%p, g)
          v = w + 2*v
@@ -87,6 +89,34 @@ contains
          end if
       end associate
    end subroutine probe_position
+
+   !> A declared bandwidth must hold for the first component, the last and those between, in turn at the points.
+   subroutine probe_bandwidth(points, w, error)
+      type(probe_points), intent(in) :: points
+      real(wp), intent(in) :: w(nlane, 0:points%nnoise)
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable, dimension(:, :) :: f, g, q, p
+      integer :: i, near(2), turn
+
+      associate (x => points, b => points%model%traits%forces%bandwidth)
+         if (b < 0) return
+         allocate (f, g, mold=x%q)
+         call x%model%force(nlane, x%ndof, x%nnoise, x%t, w, x%q, x%p, f)
+         do turn = 0, 4
+            i = 1 + (turn*(x%ndof - 1))/4
+            near = [max(1, i - b), min(x%ndof, i + b)]
+            q = x%q + 0.5_wp*x%vq
+            p = x%p + 0.5_wp*x%vp
+            q(:, near(1):near(2)) = x%q(:, near(1):near(2))
+            p(:, near(1):near(2)) = x%p(:, near(1):near(2))
+            call x%model%force(nlane, x%ndof, x%nnoise, x%t, w, q, p, g)
+            g(:, :i - 1) = f(:, :i - 1)
+            g(:, i + 1:) = f(:, i + 1:)
+            call judge(points, g, f, f, 'reaches beyond its bandwidth (force_bandwidth): give a larger one, or none', &
+                       error)
+         end do
+      end associate
+   end subroutine probe_bandwidth
 
    !> Compare a force at two momenta.
    subroutine compare_momenta(points, w, name, error)

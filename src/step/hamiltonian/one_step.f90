@@ -58,7 +58,7 @@ module symsde_step_hamiltonian_one_step
       real(wp) :: coefficient = 0             !! 1/2 - lambda
       logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p without correction
       logical :: forced = .false.             !! whether the model has forces
-      real(wp), allocatable :: drag(:, :, :)  !! Fhat_p of the last gradient_hessian, if forced (nlane, ndof, ndof)
+      real(wp), allocatable :: drag(:, :, :)  !! Fhat_p where forces act (nlane, ndof, ndof), or its bands
       type(constant_mass), allocatable :: mass  !! H = p.M^-1 p/2 + U(q), noise in position: Hhat_p = h M^-1 p
       type(counters_type) :: counters
       type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
@@ -218,16 +218,32 @@ contains
       if (self%forced .and. present(hq)) call take_force(self, n, t, w, q, p, hq)
    end subroutine bare_gradient_hessian
 
-   !> Bands -b .. b of the Hessian of the Hamiltonians, without forces.
-   subroutine bare_bands(self, n, b, t, w, q, p, hqq, hqp, hpp)
+   !> Bands -b .. b of the Hessian of bare Hhat; of forces Fhat_q is subtracted from Hhat_qq, and drag is Fhat_p.
+   subroutine bare_bands(self, n, b, t, w, q, p, hqq, hqp, hpp, drag)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n, b
       real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
       real(wp), intent(out), optional :: hqq(n, -b:b, self%ndof), hqp(n, -b:b, self%ndof), hpp(n, -b:b, self%ndof)
+      real(wp), intent(out), optional :: drag(n, -b:b, self%ndof)  !! where forces act, present
 
       if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%hessian_banded(n, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
+      if (present(drag)) call differentiate_bands(self, n, b, t, w, q, p, hqq, drag)
    end subroutine bare_bands
+
+   !> The part of forces in bare_bands.
+   subroutine differentiate_bands(self, n, b, t, w, q, p, hqq, drag)
+      type(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n, b
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(inout), optional :: hqq(n, -b:b, self%ndof)
+      real(wp), intent(out) :: drag(n, -b:b, self%ndof)
+      real(wp), allocatable :: fq(:, :, :)
+
+      allocate (fq(n, -b:b, self%ndof))
+      call self%model%force_bands(n, self%ndof, self%nnoise, b, t, w, q, p, fq, drag)
+      if (present(hqq)) hqq = hqq - fq
+   end subroutine differentiate_bands
 
    !> Hhat_q, and the bands 0 .. b of Hhat_qq.
    subroutine bare_force_stiffness(self, n, b, t, w, q, p, hq, hqq)

@@ -26,13 +26,14 @@ module symsde_step_midpoint_full
    include '../../solve/all_lanes.inc'
 
    !> Whether this stepper executes the task: the midpoint rule if step/midpoint/eliminated and step/stages/stepper do
-   !> not eliminate momenta. Damping and given numbers of iterations are executed for all models.
+   !> not eliminate momenta. Shortened corrections and given numbers of iterations are executed for all models.
    logical function midpoint_full_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint()
       associate (t => task%model%traits)
-         ! Without damping and given numbers of iterations, a model whose momenta can be eliminated has faster steppers.
+         ! Without shortened corrections and given numbers of iterations, a model whose momenta can be eliminated has
+         ! faster steppers.
          if (task%newton%is_free()) &
             fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass() .and. &
                                                                   .not. t%forces%act()))

@@ -41,11 +41,11 @@ module symsde_step_oracle_general
    implicit none
    private
    public :: general_stepper, new_general_stepper
+   public :: split_weights, stage_point, linearise_all, look_back, first
 
    !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on. The coefficients
    !> of part 1 and 2 are consecutive in the last index of a, abar and alpha.
    type, extends(stepper_type) :: general_stepper
-      private
       type(newton_type) :: newton
       integer :: nstage = 0, npart = 1         !! one part, or two: drift and noise
       real(wp), allocatable :: c(:)            !! nodes (nstage)
@@ -78,16 +78,19 @@ contains
 
    !> Make a general stepper for blocks of nlane lanes. The rescue makes one with the coefficients of another stepper's
    !> task.
-   subroutine new_general_stepper(self, model, scheme, correction, nlane, options, damping)
-      type(general_stepper), intent(out) :: self
+   subroutine new_general_stepper(self, model, scheme, correction, nlane, options, damping, diagonals)
+      class(general_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme   !! a scheme in tableau form
       integer, intent(in) :: correction         !! resolved: never correction_auto
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
       type(damping_type), intent(in) :: damping
-      integer :: n, nstage
+      integer, intent(in), optional :: diagonals  !! on either side, of a matrix with bands, which the caller fills
+      integer :: n, nstage, side
 
+      side = -1
+      if (present(diagonals)) side = diagonals
       n = model%traits%ndof
       nstage = scheme%nstage
       self%name = 'general'
@@ -114,12 +117,12 @@ contains
                                     scheme%brackets)
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%one_solve(.false.) .and. &
-                      .not. allocated(self%ham%modified), -1, -1)
+                      .not. allocated(self%ham%modified), side, side)
       ! Newton's iteration has arrays for residual and matrix; here the arrays of weights, slopes, and vectors of one
       ! stage are allocated.
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
-      allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
+      if (side < 0) allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_general_stepper
 
    !> dq and dp (nlane, ndof), by Newton's iteration from slopes of zero. In lanes that fail they are sums of
@@ -167,7 +170,7 @@ contains
    !> each part, and fills its rows of the matrix in all columns: with two parts, Q_i and P_i depend on the slopes of
    !> both.
    subroutine linearise_all(self, step, q, p)
-      type(general_stepper), intent(inout) :: self
+      class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer :: i, part
@@ -186,7 +189,7 @@ contains
    !> solved. So lanes whose slopes have grown far beyond their initial size are tested again: every slope of every
    !> stage separately.
    subroutine look_back(self, step, q, p, near, status)
-      type(general_stepper), intent(inout) :: self
+      class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(in) :: near(self%ham%nlane)   !! largest slope at the beginning
@@ -244,7 +247,7 @@ contains
 
    !> The first column of the slopes of stage i and a part: F has ndof columns from there, and G the next ndof.
    pure integer function first(self, i, part)
-      type(general_stepper), intent(in) :: self
+      class(general_stepper), intent(in) :: self
       integer, intent(in) :: i, part
 
       first = 2*self%ham%ndof*((part - 1)*self%nstage + i - 1) + 1
@@ -253,7 +256,7 @@ contains
    !> Set the weights of the one-step Hamiltonian for each part. A single part has all weights; of two, the first has
    !> (h, 0, .., 0) and the second (0, dW_1, .., dW_m).
    subroutine split_weights(self, w)
-      type(general_stepper), intent(inout) :: self
+      class(general_stepper), intent(inout) :: self
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
 
       self%v(:, :, 1) = w
@@ -266,7 +269,7 @@ contains
 
    !> Q_i = q_n + sum_j a_ij F_j and P_i = p_n + sum_j abar_ij G_j, over both parts if there are two, in qs and ps.
    subroutine stage_point(self, i, q, p)
-      type(general_stepper), intent(inout) :: self
+      class(general_stepper), intent(inout) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer :: j, k, part, at
@@ -293,7 +296,7 @@ contains
    !> Rows of residual and matrix of stage i and one part: F_i - Hhat_p and G_i + Hhat_q with the weights of this part.
    !> Gradients are stored in r, and the slopes are then combined with them.
    subroutine linearise(self, i, part, step)
-      type(general_stepper), intent(inout) :: self
+      class(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, part
       type(step_record), intent(in) :: step
       real(wp) :: t
@@ -325,7 +328,7 @@ contains
    !> Rows from `at` to at+2n-1 of the matrix, from the Hessian at stage i: n rows of F_i, then n of G_i, in the columns
    !> of all stages and parts, and I on the diagonal. hqp(:, l, k) is entry (k, l) of Hhat_pq.
    subroutine matrix_rows(self, i, at)
-      type(general_stepper), intent(inout) :: self
+      class(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, at
       real(wp) :: abar(self%ham%ndof)   !! abar_ij, with the decay of each degree of freedom
       integer :: n, j, part, to, k, l

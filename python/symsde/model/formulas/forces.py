@@ -158,14 +158,17 @@ def source(found: Found) -> str:
     return "" if found.formulas is None else _Code(found.formulas).text()
 
 
-def proofs(prover: Prover, forces: list[list[Any]]) -> dict[str, bool]:
-    """Which forces depend on q and t alone."""
+def proofs(prover: Prover, forces: list[list[Any]]) -> dict[str, Any]:
+    """Which forces depend on q and t alone, and how far they reach."""
     special = [[prover.sympy.sympify(e).xreplace(prover.special) for e in row] for row in forces]
     parts = {"position_force": special[:1], "position_noise_force": special[1:]}
-    return {
+    found: dict[str, Any] = {
         name: all(prover.vanishes(e.diff(x)) for row in rows for e in row for x in prover.p if x in e.free_symbols)
         for name, rows in parts.items()
     }
+    places = {x: i for names in (prover.q, prover.p) for i, x in enumerate(names)}
+    reaches = [abs(i - places[x]) for row in special for i, e in enumerate(row) for x in e.free_symbols if x in places]
+    return {**found, "force_bandwidth": max(reaches, default=0)}
 
 
 def friction(prover: Prover, force: list[Any]) -> tuple[float, ...] | None:
@@ -185,7 +188,7 @@ class Found:
     """What formulas of forces are."""
 
     formulas: ForceFormulas | None = None  #: with their derivatives; None: none acts
-    proved: dict[str, bool] = field(default_factory=dict)  #: arguments of `Model.forced`
+    proved: dict[str, Any] = field(default_factory=dict)  #: arguments of `Model.forced`
     friction: tuple[float, ...] | None = None  #: rates of F = -gamma_i p_i, which is left out of the formulas
 
     @property
