@@ -26,9 +26,8 @@ def design(scheme):
         chosen["force"] = ("curl",) if scheme == "verlet_dz" else ("curl", "curls")
         if scheme == "gauss_dkdkd_midpoint":
             chosen["force"] += ("drag",)
-    if scheme in GALERKIN or scheme in {"gauss_dkdkd_rotation", "verlet_kdk_midpoint", "gauss_dkdkd_midpoint",
-                                        "verlet_dz"}:  # fmt: skip
-        chosen["damping"] = ("none",)  # damping is refused
+    if scheme in GALERKIN:
+        chosen["damping"] = ("none",)  # damping is refused where these are no tableau
     rows = axes.covering(**chosen)
     if scheme in GALERKIN:  # of which noises are in position
         rows = [{**row, "force": "drag"} if row["force"] == "all" else row for row in rows]
