@@ -39,6 +39,7 @@ _TAKEN = frozenset(
             "force_derivative",
             "force_along",
             "force_bands",
+            "calls_users",
             "gradient",
             "value",
             "hessian",
