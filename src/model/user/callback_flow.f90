@@ -113,7 +113,9 @@ contains
          if (.not. associated(x)) cycle
          if (size(x) > 0) functionals(f) = c_loc(x)
       end do
-      decays = [steps%decays%z, steps%decays%beta, steps%decays%gamma]
+      decays(1) = steps%decays%z
+      decays(2:3) = steps%decays%beta
+      decays(4:5) = steps%decays%gamma
       if (map%damped) functionals(nfunctional + 1) = c_loc(decays)
       w => steps%w
       associate (s => steps)
