@@ -70,7 +70,7 @@ RUNS = [
     ({"q0": 1j}, errors.WrongTypeError, ["q0", "complex"]),
     ({"q0": None}, errors.WrongTypeError, ["q0"]),
     ({"increments": np.zeros((5, 1, 3))}, errors.WrongShapeError, ["5", "4", "increments"]),
-    ({"increments": np.zeros((4, 4, 3))}, errors.WrongShapeError, ["4 noises", "1 noises"]),
+    ({"increments": np.zeros((4, 5, 3))}, errors.WrongShapeError, ["5 noises", "1 noises"]),
     ({"increments": np.zeros((4, 2, 3))}, errors.IncompatibleError, ["2 columns", "1 noises", "dZ"]),
     ({"increments": np.zeros((4, 1, 2))}, errors.WrongShapeError, ["paths"]),
     ({"increments": np.zeros(4)}, errors.WrongShapeError, ["(4,)", "noise"]),

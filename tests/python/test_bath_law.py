@@ -215,7 +215,7 @@ def test_refusals():
             ss.diagnose.bath_law("chin4a", **{"step": 0.1, "gamma": 1.0, **wrong})
     with pytest.raises(UnknownNameError, match="friction = 'drag' does not exist: there are damping, force"):
         ss.diagnose.bath_law("chin4a", step=0.1, gamma=1.0, friction="drag")
-    with pytest.raises(IncompatibleError, match="is made of flows of Hamiltonians, of which a force is none"):
+    with pytest.raises(IncompatibleError, match=r"its kicks are exact for forces F.q,t. without p"):
         ss.diagnose.bath_law("chin4a", step=0.1, gamma=1.0, friction="force")
     with pytest.raises(IncompatibleError, match="is damped, and scheme averaged_shift_midpoint"):
         ss.diagnose.bath_law("averaged_shift_midpoint", step=0.1, gamma=1.0)

@@ -84,7 +84,8 @@ def calls_in_c():
         setattr(moments, name, at)
     observer = handles.new(abi.Observer, "observer")
     observer.kind = 1
-    keep = model, handle, scheme, room, start, paths, moments, observer
+    value = abi.PathFunction(lambda *_: 0)
+    keep = model, handle, scheme, room, start, paths, moments, observer, value
     seen = ctypes.byref(observer)
     one = np.zeros(8, np.int64)
     run = ctypes.c_void_p()
@@ -92,6 +93,8 @@ def calls_in_c():
         "options_check": lambda o, e: (o, e),
         "saved_times": lambda o, e: (o, at, e),
         "simulate": lambda o, e: (m, s, o, input_, ctypes.byref(paths), None, e),
+        "path_gradient": lambda o, e: (m, m, s, o, input_, 0, 1, at, value, None, *5 * [at], None, e),
+        "path_tangent": lambda o, e: (m, m, s, o, input_, 0, 1, at, 1, 0, *6 * [at], None, e),
         "compute_moments": lambda o, e: (m, s, o, input_, ctypes.byref(moments), None, e),
         "run_new": lambda o, e: (m, s, o, input_, ctypes.byref(run), e),
         "increments": lambda o, e: (m, s, o, at, e),
