@@ -235,8 +235,8 @@ def test_wrong_kicks_are_refused(monkeypatch, change):
 
 LOSSES = {  # text of the damped steps, what makes it wrong by one per cent, and the schemes that it decays in
     ("0.5 * part, fade.whole", "0.505 * part, fade.whole"): ("stormer_verlet",),
-    ("{expm1(-z)", "{1.01 * expm1(-z)"): (*ALL[:3], "gauss2"),
-    (", expm1(-0.5 * z)", ", 1.01 * expm1(-0.5 * z)"): ("midpoint",),
+    ("whole = expm1(-z)", "whole = 1.01 * expm1(-z)"): (*ALL[:3], "gauss2"),
+    ("half = expm1(-0.5 * z)", "half = 1.01 * expm1(-0.5 * z)"): ("midpoint",),
     ("f.d[i] = expm1", "f.d[i] = 1.01 * expm1"): ("gauss2",),
     ("f.b[i] = 0.5", "f.b[i] = 0.505"): ("gauss2",),
     ("f.a[i][j] = ", "f.a[i][j] = 1.01 * "): ("gauss2",),

@@ -52,7 +52,7 @@ def test_every_member_of_a_report():
         "stopped": 12,
         "grown": 0,
     }
-    expected |= {"functionals": ("dZ", "K"), "lapack": "somebody's 1.2", "damping": "dp = .. - p dt"}
+    expected |= {"functionals": ("dZ", "K"), "lapack": "somebody's 1.2", "damping": "dp = .. - p dt", "temperature": ""}
     expected |= {"threads": 13, "lanes": 16, "lost_variance": 0.015, "timings": {"setup": 1.25, "run": 2.5}}
     names = ["path_steps", "normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves"]
     names += ["lapack_solves", "failures", "damped", "continued", "pivoted_solves"]
