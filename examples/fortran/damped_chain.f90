@@ -19,7 +19,8 @@ program damped_chain
 
    ! Friction and noise at the ends alone: rates [1/time] and 1/kT of each mass.
    gamma = 0
-   gamma([1, n]) = 1
+   gamma(1) = 1
+   gamma(n) = 1
    beta = 1
    beta(1) = 1/1.5_wp
    beta(n) = 1/0.5_wp

@@ -30,7 +30,7 @@ _RUNS = 7.0  #: cost of a rung in runs of its step: the runs take 1, 2 and 4 tim
 _SLOWEST, _FASTEST = 0.45, 6.5  #: bounds of orders computed from differences
 _TIMED = 2**17  #: path-steps times degrees of freedom of a timed run
 _TIMINGS = 3.5  #: cost of the timed runs of `seconds` in runs with all paths: three of all paths and three of eight
-_DEARER = 4.0  #: a scheme is given up if it costs this many times the best cost known
+_DEARER = 8.0  #: a scheme is given up if a rung, with its set-up, costs this many times the best cost known
 _FIRST = 4  #: number of steps from which the cost of the first rung is foretold
 _FULL = 64  #: number of paths from which on a path-step costs the same
 
@@ -50,7 +50,7 @@ class Ladder:
         self.needed: float | None = None
         self.climbing, self._rungs = True, 0
         self._next = fewest
-        self._of_step = math.nan  #: seconds of one step of one path
+        self._of_step = math.nan  #: seconds of one step of one path, at most: measured with parts of the set-up
 
     def __str__(self) -> str:
         """The next rung in words."""
@@ -86,8 +86,8 @@ class Ladder:
             self.climbing = False
             return
         self._rungs += 1
-        of_path = (time.process_time() - begin) / (_RUNS * self.want.count)
-        self._of_step = of_path / steps
+        of_step = (time.process_time() - begin) / (_RUNS * self.want.count * steps)
+        self._of_step = of_step if math.isnan(self._of_step) else min(of_step, self._of_step)
         self._next = 2 * steps
         if not math.isfinite(seen.both):
             self.steps.clear(), self.seen.clear()
@@ -98,7 +98,7 @@ class Ladder:
             if kept and (len(self.seen) > 1 or self.error(0) <= self.tolerance / _CLEARLY):
                 self.climbing, self.needed = False, self._between()
                 return
-        if of_path > _DEARER * best:
+        if steps * self._of_step > _DEARER * best:
             self.climbing = False
         elif self._rungs > MOST_HALVINGS or (
             len(self.seen) > 1 and self._next * self.want.count * self.problem.model.ndof > _WORK
