@@ -13,6 +13,7 @@ program damped_chain
    type(thermostat_model) :: model
    type(scheme_type) :: scheme
    type(moments_type) :: at_rest
+   character(*), parameter :: names(2) = [character(5) :: 'n', 'sigma']   ! of parameters
    type(run_options) :: options
    type(error_type), allocatable :: error
    real(wp) :: gamma(n), beta(n), start(n), kinetic(n), hot, cold, room
@@ -24,7 +25,7 @@ program damped_chain
    beta = 1
    beta(1) = 1/1.5_wp
    beta(n) = 1/0.5_wp
-   call get_model(chain, 'fpu_chain', [character(5) :: 'n', 'sigma'], [real(wp) :: n, 0], error)
+   call get_model(chain, 'fpu_chain', names, [real(wp) :: n, 0], error)
    call new_thermostat(model, chain, gamma, beta, error)
    call get_scheme(scheme, 'chin4a', error)
    call check()
