@@ -15,7 +15,7 @@ from clock import WorkClock
 from symsde.answers.advice.advise import _fewest_steps, candidates, scheme_names
 from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
 from symsde.answers.expectation.candidates import commutes, frequency
-from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.problem import Problem, make_problem
 from symsde.answers.linear_stability import stable_up_to
 from symsde.batch import scene
 from symsde.native.progress import _Bar
@@ -179,6 +179,8 @@ def test_advice_ends_in_time_with_what_it_knows(seconds, monkeypatch):
     WorkClock(monkeypatch)
     model, place = ss.models.synchrotron(), {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
     problem = make_problem(model, "q", **place)
+    for scheme in candidates(problem):
+        stable_up_to(scheme.name)  # computed once in a process
     begin = time.process_time()
     Paths(problem).see(as_scheme("chin4a"), 2)
     first = time.process_time() - begin
@@ -315,3 +317,42 @@ def test_the_noise_of_means_falls_with_the_root_of_the_paths(monkeypatch):
     one = [seen(256, seed) for seed in range(40)]
     scatter = max(np.std([x.first for x in one]), np.std([x.second for x in one]), np.std([x.both for x in one]))
     assert scatter < np.mean([x.noise for x in one]) < 6 * scatter
+
+
+def test_motion_that_runs_to_infinity_is_no_long_search(monkeypatch):
+    """H = p^2/2 - q^6/6: the frequencies ask for 10^7 steps and more, which are not begun."""
+    WorkClock(monkeypatch)
+    model = ss.model_from_sympy("p**2/2 - q**6/6", ["0.1*q"])
+    begin = time.process_time()
+    with pytest.raises(ss.errors.NumericalError, match=r"before a scheme was tried \(the time for .* \d{8,} steps"):
+        ss.advise(model, q0=3.0, p0=3.0, horizon=8.0, tolerance=1e-2, seconds=0.5)
+    assert time.process_time() - begin < 1.0
+
+
+def test_errors_that_are_not_finite_take_time_too(monkeypatch):
+    """Every measurement takes two fifths of the time and has no finite error: two are made, not one of each scheme."""
+    clock, asked = WorkClock(monkeypatch), []
+
+    def blown(_self, scheme, _steps):
+        asked.append(scheme.name)
+        clock.now += 2.0
+        return Seen(math.nan, math.nan, math.nan)
+
+    monkeypatch.setattr(Paths, "see", blown)
+    with pytest.raises(ss.errors.NumericalError, match=r"none of .* \(the time for advice ended .*: give a larger tol"):
+        ss.advise(ss.models.pendulum(), q0=1.0, p0=0.0, horizon=2.0, tolerance=1e-2)
+    assert 2 <= len(asked) <= 3
+
+
+def test_schemes_whose_steps_are_refused_are_left_out(monkeypatch):
+    """The twin would say that the time has ended: the cost of a refused step is not known."""
+
+    def refused(self, scheme, steps, taken, **more):
+        if scheme.name != "midpoint":
+            raise ss.errors.TooLargeError("no room")
+        return start(self, scheme, steps, taken, **more)
+
+    start = Problem.start
+    monkeypatch.setattr(Problem, "start", refused)
+    advice = ss.advise(ss.models.pendulum(), q0=1.0, p0=0.0, horizon=2.0, tolerance=1e-2)
+    assert advice.scheme == "midpoint" and not advice.alternatives and "time" not in advice.reasons[-1]

@@ -30,6 +30,7 @@ _ROOM = 0.65
 _LONGEST = 6.4  #: omega h of the longest step, for schemes without a stability limit
 _PATHS = 64  #: paths on which the fastest frequency is measured
 _FARTHEST = 20.0  #: largest number of halvings over which steps are foretold when the time has ended
+_FIRST = 10.0  #: the first measurement may take this many times the time of the search
 _PART = 4  #: the cost of a scheme is timed with at most this part of the time that is left
 _SHORTEST = 1e-13  #: smallest relative tolerance: below it rounding decides
 
@@ -81,9 +82,9 @@ def advise(
     - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
       "invariants", the largest change of H up to the horizon (with noise if the noise keeps H, else without)
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
-    - seconds: processor time that the search may take; a measurement that would end later is left out, but for the very
-      first one. A reason names the schemes left out; if none is found in time, steps are foretold from measured and
-      claimed orders
+    - seconds: processor time that the search may take; a measurement that would end later is left out, but the first
+      one may take ten times as long. A reason names the schemes left out; if none is found in time, steps are foretold from
+      measured and claimed orders
     - progress: True shows a bar of the schemes that were tried, with the name and the steps of the present one; a
       function f(done, total) may return True: the advice is then among the schemes tried so far
 
@@ -114,17 +115,18 @@ def advise(
     ]
     bar, tell = told_by(progress)
     try:
-        found, stopped = _climb(ladders, until, bar, tell)
+        found, stopped = _climb(ladders, until, _FIRST * seconds, bar, tell)
     finally:
         if bar:
             bar.close()
-    tried = [ladder.scheme.name for ladder in ladders if ladder.seen]
+    tried = [ladder.scheme.name for ladder in ladders if ladder.rungs]
     if not tried and stopped:
-        raise NumericalError(f"advice was stopped before a scheme was tried: there is none: {stopped}")
+        raise NumericalError(f"advice was stopped before a scheme was tried ({stopped}): let it go on for longer")
     if not found:
+        ended = f" ({stopped})" if stopped else ""
         raise NumericalError(
-            f"none of {', '.join(tried)} keeps an error of {tolerance:g} at steps that a pilot can afford: give a "
-            f"larger tolerance or a shorter horizon{stopped and f'. {stopped}'}"
+            f"none of {', '.join(tried) or 'the schemes that suit the model'} keeps an error of {tolerance:g} at steps "
+            f"that a pilot can afford{ended}: give a larger tolerance, a shorter horizon or more `seconds`"
         )
     found.sort(key=lambda pair: pair[0].seconds)
     best, ladder = found[0]
@@ -133,18 +135,25 @@ def advise(
     return Advice(best.scheme, best.step, best.steps, best.seconds, (*reasons, *([stopped] if stopped else [])), others)
 
 
-def _climb(ladders: list[Ladder], until: float, bar: Any, tell: Any) -> tuple[list[tuple[Option, Ladder]], str]:
-    """Climb the ladders, the cheapest rung first, until this processor time. Gives the options with their ladders, and
-    a sentence if schemes were left out for lack of time or by the progress function.
+def _climb(
+    ladders: list[Ladder], until: float, first: float, bar: Any, tell: Any
+) -> tuple[list[tuple[Option, Ladder]], str]:  # fmt: skip
+    """Climb the ladders, the cheapest rung first, until this processor time; the first rung may take `first` seconds.
+    Gives the options with their ladders, and a sentence if schemes were left out for lack of time or by the progress
+    function.
     """
     found: list[tuple[Option, Ladder]] = []
     stopped, cheapest, shown = "", math.inf, -1
+    for ladder in ladders:
+        ladder.prepare()
     while climbing := [ladder for ladder in ladders if ladder.climbing]:
         ladder = min(climbing, key=lambda ladder: ladder.ahead)
         done = len(ladders) - len(climbing)
         if tell is not None and done > shown and tell(shown := done, len(ladders)):
             stopped = "the progress function ended the search"
-        elif time.process_time() + ladder.ahead > until and any(ladder.seen for ladder in ladders):
+        elif time.process_time() + ladder.ahead > until and (
+            ladder.ahead > first or any(ladder.rungs for ladder in ladders)
+        ):
             stopped = "the time for advice ended (`seconds`)"
         if stopped:
             break

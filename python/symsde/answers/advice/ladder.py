@@ -38,8 +38,8 @@ _FULL = 64  #: number of paths from which on a path-step costs the same
 class Ladder:
     """Errors of a scheme with a number of steps, twice as many and so on, and the seconds of a path.
 
-    ahead: seconds of processor time that the next rung will take. climbing: whether a further rung may help. needed:
-    the number of steps that keeps the tolerance, not rounded, or None.
+    climbing: whether a further rung may help. rungs: how many were measured. needed: the number of steps that keeps the
+    tolerance, not rounded, or None.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, want, *, fewest: int, tolerance: float):
@@ -48,9 +48,9 @@ class Ladder:
         self.steps: list[int] = []
         self.seen: list[Seen] = []
         self.needed: float | None = None
-        self.climbing, self._rungs = True, 0
+        self.climbing, self.rungs = True, 0
         self._next = fewest
-        self._of_step = math.nan  #: seconds of one step of one path, at most: measured with parts of the set-up
+        self._of_step = math.inf  #: seconds of one step of one path, at most: measured with parts of the set-up
 
     def __str__(self) -> str:
         """The next rung in words."""
@@ -59,35 +59,36 @@ class Ladder:
     @property
     def ahead(self) -> float:
         """Seconds of processor time that the next rung will take."""
-        if math.isnan(self._of_step):
-            self._of_step = self._one_step()
         return _RUNS * self.want.count * self._next * self._of_step
 
-    def _one_step(self) -> float:
-        """Seconds of one step of one path among others, from runs of no step and of a few; infinite if steps fail."""
+    def prepare(self) -> None:
+        """Measure one step of one path, from runs of no step and of a few; a scheme whose steps are refused is left
+        out.
+        """
         times = [time.process_time()]
         try:
             for taken in (0, _FIRST):
                 self.problem.start(self.scheme, self._next, taken, paths=_FULL)
                 times.append(time.process_time())
         except SymsdeError:
-            return math.inf
+            self.climbing = False
+            return
         without, together = (b - a for a, b in pairwise(times))
-        return max(together - without, together / 10) / (_FIRST * _FULL)
+        self._of_step = max(together - without, together / 10) / (_FIRST * _FULL)
 
     def climb(self, best: float) -> None:
         """Measure one rung. best: seconds of a path of the best scheme so far; a scheme that costs much more is given
         up.
         """
         steps, begin = self._next, time.process_time()
+        self.rungs += 1
         try:
             seen = self.want.see(self.scheme, steps)
         except SymsdeError:
             self.climbing = False
             return
-        self._rungs += 1
         of_step = (time.process_time() - begin) / (_RUNS * self.want.count * steps)
-        self._of_step = of_step if math.isnan(self._of_step) else min(of_step, self._of_step)
+        self._of_step = min(of_step, self._of_step)
         self._next = 2 * steps
         if not math.isfinite(seen.both):
             self.steps.clear(), self.seen.clear()
@@ -100,7 +101,7 @@ class Ladder:
                 return
         if steps * self._of_step > _DEARER * best:
             self.climbing = False
-        elif self._rungs > MOST_HALVINGS or (
+        elif self.rungs > MOST_HALVINGS or (
             len(self.seen) > 1 and self._next * self.want.count * self.problem.model.ndof > _WORK
         ):
             self.climbing = False
@@ -145,7 +146,7 @@ class Ladder:
         """
         size = steps * self.problem.model.ndof
         paths = max(_FULL, _TIMED // size // _FULL * _FULL)
-        if _TIMINGS * paths * steps * self._of_step > most:
+        if most < math.inf and _TIMINGS * paths * steps * self._of_step > most:
             return steps * self._of_step
         least = min(self._timed(steps, paths) for _ in range(3))
         return max(least - min(self._timed(steps, 8) for _ in range(3)), least / 4) / (paths - 8)

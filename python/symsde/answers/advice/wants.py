@@ -46,7 +46,6 @@ class Paths:
     name = "paths"
     words = "root mean square distance of paths at the horizon"
     count = 192
-    order = "strong"  #: the kind of order that these errors have
 
     def __init__(self, problem: Problem):
         """Do nothing: paths need no preparation."""
@@ -58,10 +57,9 @@ class Paths:
         return Seen(*(rms(squares(a, b)) for a, b in _differences(ends)))
 
     def claimed(self, scheme: Scheme) -> float:
-        """The lowest order of the certificate above 0 that noises such as these may have."""
-        additive = self.problem.model.traits.additive
-        kinds = ("weak",) if self.order == "weak" else ("additive",) if additive else ("commutative", "general")
-        return min((scheme.info.orders[kind].value or math.inf for kind in kinds), default=math.inf)
+        """The strong order of the certificate: the lowest one that noises such as those of the model may have."""
+        kinds = ("additive",) if self.problem.model.traits.additive else ("commutative", "general")
+        return min(scheme.info.orders[kind].value or math.inf for kind in kinds)
 
     def _runs(self, scheme, steps: int) -> Iterator[Run]:
         """Give runs with this many steps, twice and four times as many, on the same Brownian paths."""
@@ -74,7 +72,10 @@ class Moments(Paths):
     name = "moments"
     words = "largest error of the means of q, p and H at the horizon"
     count = 4096
-    order = "weak"
+
+    def claimed(self, scheme: Scheme) -> float:
+        """The weak order of the certificate."""
+        return scheme.info.orders["weak"].value or math.inf
 
     def see(self, scheme, steps: int) -> Seen:
         """Compare means on the same paths, whose noise mostly cancels in the differences."""

@@ -123,7 +123,7 @@ def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> f
     """
     blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
     qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
-    finite = np.isfinite(qq + qp + pp).all(axis=(1, 2))
+    finite = np.logical_and.reduce([np.isfinite(x).all(axis=(1, 2)) for x in (qq, qp, pp)])
     qq, qp, pp = qq[finite], qp[finite], pp[finite]
     if not qp.any():
         try:
