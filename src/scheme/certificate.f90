@@ -25,8 +25,7 @@ module symsde_scheme_certificate
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
-   use symsde_scheme_damped, only: damped_refusal, keeps_damped_volume, temperature_at_rest, one_rate, unequal_rates, &
-                                   friction_matrix, varying_rates
+   use symsde_scheme_damped, only: tell_damping, one_rate, unequal_rates, friction_matrix, varying_rates
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, additive_noise, evidence_claimed, &
                                    evidence_derived, evidence_text
@@ -136,55 +135,12 @@ contains
       ! Unknowns for each degree of freedom, for any H and for separable H.
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
-      call judge_damping(c, scheme, one_rate, c%damped_by_rate)
-      call judge_damping(c, scheme, unequal_rates, c%damped_by_rates)
-      call judge_damping(c, scheme, friction_matrix, c%damped_by_matrix)
-      call judge_damping(c, scheme, varying_rates, c%damped_by_function)
+      call tell_damping(scheme, c%symplectic, c%correction_exists, one_rate, c%damped_by_rate)
+      call tell_damping(scheme, c%symplectic, c%correction_exists, unequal_rates, c%damped_by_rates)
+      call tell_damping(scheme, c%symplectic, c%correction_exists, friction_matrix, c%damped_by_matrix)
+      call tell_damping(scheme, c%symplectic, c%correction_exists, varying_rates, c%damped_by_function)
       c%damped_order = scheme%damped_order
    end function certificate
-
-   !> What steps keep of dp ^ dq for a kind of damping, or why the scheme is refused. A Galerkin scheme is judged as the
-   !> tableau that executes it for a model.
-   pure subroutine judge_damping(c, scheme, kind, text)
-      type(certificate_type), intent(in) :: c
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: kind
-      character(:), allocatable, intent(out) :: text
-      type(scheme_type) :: executed
-      character(:), allocatable :: why
-
-      executed = scheme
-      if (scheme%form == galerkin_form) executed%form = tableau_form
-      executed%brackets%areas = .false.  ! areas act only where noises do not commute
-      call damped_refusal(executed, kind, executed%brackets, products=.false., why=why)
-      if (allocated(why)) then
-         text = 'refused: it '//why
-         return
-      else if (.not. c%symplectic) then
-         text = 'no factor of dp ^ dq, nor of volume'
-         return
-      else if (scheme%kicks%rational) then
-         text = 'volume times the product of (1 - x_i)/(1 + x_i), x_i = gamma_i h/2'
-         if (kind == one_rate) text = 'dp ^ dq times (1 - x)/(1 + x), x = gamma h/2 ('//evidence_text(c%structure)// &
-                                      '); <p^2> of a free particle '// &
-                                      to_text(temperature_at_rest(executed, 1.0_wp))//'/beta at gamma h = 1'
-      else if (kind == one_rate) then
-         text = 'dp ^ dq times exp(-gamma h) ('//evidence_text(c%structure)//'); <p^2> of a free particle '// &
-                to_text(temperature_at_rest(executed, 1.0_wp))//'/beta at gamma h = 1'
-      else
-         text = 'volume times exp(-h sum gamma_i)'
-         if (kind == friction_matrix) text = 'volume times exp(-h tr Gamma M^-1)'
-         if (kind == varying_rates) text = 'volume times exp(-sum int gamma_i dt), by the rates where momenta decay'
-         if (.not. keeps_damped_volume(scheme, kind)) text = text//', at least to the order of the scheme'
-         text = text//'; no form'
-         if (kind == varying_rates) text = text//' but with one gamma(t)'
-         if (kind == unequal_rates .and. scheme%nstage > 1) then
-            if (c%correction_exists) text = text//'; refused where the correction acts'
-            if (scheme%brackets%areas) text = text//'; refused where areas act'
-         end if
-      end if
-      if (scheme%form == galerkin_form) text = text//'; where it is a tableau for the model'
-   end subroutine judge_damping
 
    !> Decide which equation the scheme approximates. beta^T b e and beta^T bbar e must be 1/2. A correction Hamiltonian
    !> changes both by opposite amounts, so it helps only if their sum is one.

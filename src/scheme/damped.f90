@@ -14,14 +14,16 @@
 module symsde_scheme_damped
    use symsde_base_laws, only: law_gaussian
    use symsde_base_kinds, only: wp
+   use symsde_base_text, only: to_text
    use symsde_scheme_decays, only: free_temperature
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_kicks, only: flow_free
+   use symsde_scheme_orders, only: evidence_text
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, splitting_form, &
                                    frame_none, frame_shift, frame_rotation
    implicit none
    private
-   public :: damped_refusal, keeps_damped_volume, temperature_at_rest, temperature_of_weights
+   public :: damped_refusal, tell_damping, temperature_of_weights
    public :: one_rate, unequal_rates, friction_matrix, varying_rates
 
    enum, bind(c)
@@ -61,6 +63,49 @@ contains
          why = 'is made of kicks and of flows that decay by numbers, rates or a matrix'
       end if
    end subroutine damped_refusal
+
+   !> What steps keep of dp ^ dq for a kind of damping, or why the scheme is refused. A Galerkin scheme is judged as the
+   !> tableau that executes it for a model.
+   pure subroutine tell_damping(scheme, symplectic, corrected, kind, text)
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: symplectic   !! whether steps of closed systems are symplectic
+      logical, intent(in) :: corrected    !! whether a correction exists and is needed
+      integer, intent(in) :: kind         !! one of the four enumerators
+      character(:), allocatable, intent(out) :: text
+      type(scheme_type) :: executed
+      character(:), allocatable :: why
+
+      executed = scheme
+      if (scheme%form == galerkin_form) executed%form = tableau_form
+      executed%brackets%areas = .false.  ! areas act only where noises do not commute
+      call damped_refusal(executed, kind, executed%brackets, products=.false., why=why)
+      if (allocated(why)) then
+         text = 'refused: it '//why
+         return
+      else if (.not. symplectic) then
+         text = 'no factor of dp ^ dq, nor of volume'
+         return
+      else if (kind == one_rate) then
+         text = 'exp(-gamma h)'
+         if (scheme%kicks%rational) text = '(1 - x)/(1 + x), x = gamma h/2'
+         text = 'dp ^ dq times '//text//' ('//evidence_text(scheme%structure)//'); <p^2> of a free particle '// &
+                to_text(temperature_at_rest(executed, 1.0_wp))//'/beta at gamma h = 1'
+      else if (scheme%kicks%rational) then
+         text = 'volume times the product of (1 - x_i)/(1 + x_i), x_i = gamma_i h/2'
+      else
+         text = 'volume times exp(-h sum gamma_i)'
+         if (kind == friction_matrix) text = 'volume times exp(-h tr Gamma M^-1)'
+         if (kind == varying_rates) text = 'volume times exp(-sum int gamma_i dt), by the rates where momenta decay'
+         if (.not. keeps_damped_volume(scheme, kind)) text = text//', at least to the order of the scheme'
+         text = text//'; no form'
+         if (kind == varying_rates) text = text//' but with one gamma(t)'
+         if (kind == unequal_rates .and. scheme%nstage > 1) then
+            if (corrected) text = text//'; refused where the correction acts'
+            if (scheme%brackets%areas) text = text//'; refused where areas act'
+         end if
+      end if
+      if (scheme%form == galerkin_form) text = text//'; where it is a tableau for the model'
+   end subroutine tell_damping
 
    !> Whether steps with unequal rates, a matrix or functions multiply volume by its factor to rounding.
    pure logical function keeps_damped_volume(scheme, kind)
