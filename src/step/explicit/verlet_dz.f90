@@ -21,7 +21,7 @@
 !> One gradient at Q with all weights gives dp. The shift is a gradient too, with the weights v_0 = 0 and v_k = dZ_k - h
 !> dW_k/2: it is sum_k v_k H_{k,q} = -sum_k v_k g_k, which does not depend on the point.
 module symsde_step_explicit_verlet_dz
-   use symsde_base_damping, only: damping_type
+   use symsde_base_damping, only: damping_type, noise_of_scheme
    use symsde_base_functionals, only: path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -32,6 +32,7 @@ module symsde_step_explicit_verlet_dz
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
    use symsde_step_open_kick_law, only: has_law, free_motion
+   use symsde_step_open_matrices, only: add_product
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -44,7 +45,7 @@ module symsde_step_explicit_verlet_dz
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
       type(damping_type) :: damping
       type(friction_flow), allocatable :: friction    !! half drifts with a matrix of friction
-      integer :: damping_noise = 0                    !! noise of free motion, as in base/damping
+      integer :: damping_noise = noise_of_scheme      !! of the enumerators of base/damping
       logical :: by_law = .false.                     !! whether the noise is that of free motion
       real(wp), allocatable :: ps(:, :), lost(:, :)   !! momenta within the step; their loss by the shift (nlane, ndof)
    contains
@@ -202,17 +203,15 @@ contains
       type(verlet_dz_stepper), intent(in) :: self
       real(wp), intent(in) :: x(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: y(self%ham%nlane, self%ham%ndof)
-      integer :: i, j
+      integer :: i
 
       y = 0
+      if (allocated(self%friction)) then
+         call add_product(self%ham%nlane, self%ham%ndof, self%damping%friction, x, y)
+         return
+      end if
       do i = 1, self%ham%ndof
-         if (allocated(self%friction)) then
-            do j = 1, self%ham%ndof
-               call add_times(self%ham%nlane, self%damping%friction(i, j), x(:, j), y(:, i))
-            end do
-         else
-            call add_times(self%ham%nlane, self%damping%rate(i), x(:, i), y(:, i))
-         end if
+         call add_times(self%ham%nlane, self%damping%rate(i), x(:, i), y(:, i))
       end do
    end subroutine rub
 

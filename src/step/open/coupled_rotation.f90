@@ -4,11 +4,11 @@
 !>    q' = p,   p' = -omega^2 q - Gamma p             (q, p) <- (q, p) + X (q, p),   X = exp(tau A) - 1
 !>
 !> of 2 ndof rows. X is a Taylor sum for a time tau/2^k and k doublings, X <- 2 X + X X, once for all steps of one size.
-!> The trace of A is that of -Gamma, so that volume shrinks as the flow shrinks it. Products are sums of columns, one
-!> after the other, so that a lane has the same bits in a block as alone.
+!> The trace of A is that of -Gamma, so that volume shrinks as the flow shrinks it.
 module symsde_step_open_coupled_rotation
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_times
+   use symsde_step_open_matrices, only: multiply, halvings
    implicit none
    private
    public :: coupled_rotation, new_coupled_rotation
@@ -74,15 +74,10 @@ contains
       integer, intent(in) :: n
       real(wp), intent(in) :: a(n, n), tau
       real(wp), intent(out) :: change(n, n)
-      real(wp) :: term(n, n), product(n, n), norm, short
-      integer :: i, k, ndouble
+      real(wp) :: term(n, n), product(n, n), short
+      integer :: k, ndouble
 
-      norm = 0
-      do i = 1, n
-         norm = max(norm, abs(tau)*sum(abs(a(i, :))))
-      end do
-      ndouble = 0
-      if (norm <= huge(norm)) ndouble = max(0, exponent(norm) + 2)
+      ndouble = halvings(n, a, tau)
       short = scale(tau, -ndouble)
       term = short*a
       change = term
@@ -96,20 +91,5 @@ contains
          change = 2*change + product
       end do
    end subroutine exponential_less_one
-
-   !> z = x y, (n, n) each.
-   pure subroutine multiply(n, x, y, z)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: x(n, n), y(n, n)
-      real(wp), intent(out) :: z(n, n)
-      integer :: j, k
-
-      z = 0
-      do j = 1, n
-         do k = 1, n
-            call add_times(n, y(k, j), x(:, k), z(:, j))
-         end do
-      end do
-   end subroutine multiply
 
 end module symsde_step_open_coupled_rotation

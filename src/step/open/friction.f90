@@ -13,14 +13,12 @@
 !>    Phi(2 tau) = 2 Phi - B Phi Phi
 !>
 !> M is unknown: its inverse is found by calling the model at the position of the first path, one velocity for each
-!> column of Gamma. All products are sums of columns, one after the other, so that a lane has the same bits in a block
-!> as alone.
+!> column of Gamma.
 module symsde_step_open_friction
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
-   use symsde_base_vectors, only: add_times
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   use symsde_step_open_matrices, only: multiply, add_product, halvings
    implicit none
    private
    public :: friction_flow, new_friction_flow
@@ -140,18 +138,10 @@ contains
       integer, intent(in) :: n
       real(wp), intent(in) :: b(n, n), tau
       real(wp), intent(out) :: phi(n, n)
-      real(wp) :: term(n, n), square(n, n), norm, short
+      real(wp) :: term(n, n), square(n, n), short
       integer :: i, k, ndouble
 
-      norm = 0
-      do i = 1, n
-         norm = max(norm, abs(tau)*sum(abs(b(i, :))))
-      end do
-      if (.not. all(abs(b*tau) <= huge(tau)) .or. norm > huge(tau)) then
-         phi = ieee_value(norm, ieee_quiet_nan)
-         return
-      end if
-      ndouble = max(0, exponent(norm) + 2)
+      ndouble = halvings(n, b, tau)
       short = scale(tau, -ndouble)
       ! Phi = sum_k term_k,   term_0 = tau,   term_k = -tau B term_{k-1}/(k + 1)
       term = 0
@@ -170,34 +160,5 @@ contains
          phi = 2*phi - term
       end do
    end subroutine integrate
-
-   !> z = x y, (n, n) each.
-   pure subroutine multiply(n, x, y, z)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: x(n, n), y(n, n)
-      real(wp), intent(out) :: z(n, n)
-      integer :: j, k
-
-      z = 0
-      do j = 1, n
-         do k = 1, n
-            call add_times(n, y(k, j), x(:, k), z(:, j))
-         end do
-      end do
-   end subroutine multiply
-
-   !> y_i = y_i + sum_j a_ij x_j in every lane.
-   pure subroutine add_product(nlane, n, a, x, y)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: a(n, n), x(nlane, n)
-      real(wp), intent(inout) :: y(nlane, n)
-      integer :: i, j
-
-      do i = 1, n
-         do j = 1, n
-            call add_times(nlane, a(i, j), x(:, j), y(:, i))
-         end do
-      end do
-   end subroutine add_product
 
 end module symsde_step_open_friction
