@@ -9,10 +9,9 @@
 !> it; tableaux of several stages have half of the step before and half behind. Flows that are composed have strong
 !> order 1, as the tableaux themselves. Without noise a symmetric step has order two.
 module symsde_step_open_braked
-   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_step_open_damped, only: damped_stepper, damped_node
+   use symsde_step_open_damped, only: damped_stepper
    use symsde_step_open_varying, only: varying_decay, new_varying_decay
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -22,8 +21,7 @@ module symsde_step_open_braked
    type, extends(damped_stepper) :: braked_stepper
       private
       type(varying_decay) :: decay
-      real(wp) :: node = 0                                      !! part of the step before the inner stepper
-      real(wp), allocatable, dimension(:, :) :: start, moved    !! p*, dp* (nlane, ndof)
+      real(wp), allocatable :: moved(:, :)    !! dp* (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -31,18 +29,14 @@ module symsde_step_open_braked
 
 contains
 
-   !> Copy the name and the properties of the inner stepper, which has been made.
+   !> A damped stepper, and its own decays.
    subroutine make(self, task)
       class(braked_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
-      type(stepper_task) :: closed
 
-      closed = task
-      closed%damping = damping_type()
-      call self%damped_stepper%make(closed)
-      self%node = damped_node(task%scheme)
+      call self%damped_stepper%make(task)
       call new_varying_decay(self%decay, task%damping, self%ham%nlane, self%ham%ndof)
-      allocate (self%start(self%ham%nlane, self%ham%ndof), self%moved(self%ham%nlane, self%ham%ndof))
+      allocate (self%moved, mold=self%start)
    end subroutine make
 
    !> The inner step between two decays.

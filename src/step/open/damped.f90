@@ -17,16 +17,17 @@ module symsde_step_open_damped
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, steps_record
    use symsde_scheme_decays, only: tableau_decays, new_decays
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, frame_none
+   use symsde_scheme_scheme, only: tableau_form, frame_none
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: damped_stepper, damped_fits, damped_node
+   public :: damped_stepper, damped_fits
 
    type, extends(stepper_type) :: damped_stepper
       class(stepper_type), allocatable :: inner  !! stepper of the closed system
       type(tableau_decays), private :: decays
-      real(wp), allocatable, private :: ps(:, :) !! p* (nlane, ndof)
+      real(wp) :: node = 0                       !! c, the part of the step before the inner one
+      real(wp), allocatable :: start(:, :)       !! p* (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -45,14 +46,6 @@ contains
                     (task%scheme%nstage == 1 .or. .not. allocated(task%damping%rate))
    end function damped_fits
 
-   !> The part of the decay before the inner step: the node c of a scheme of one stage, one half for several stages.
-   pure real(wp) function damped_node(scheme) result(c)
-      type(scheme_type), intent(in) :: scheme
-
-      c = 0.5_wp
-      if (scheme%nstage == 1) c = scheme%c(1)
-   end function damped_node
-
    !> Copy the name and the properties of the inner stepper, which has been made.
    subroutine make(self, task)
       class(damped_stepper), intent(inout) :: self
@@ -65,7 +58,9 @@ contains
       if (allocated(self%inner%left_out)) self%left_out = self%inner%left_out
       self%ham = self%inner%ham
       call new_decays(self%decays, task%damping, task%scheme%c, self%ham%ndof)
-      allocate (self%ps(self%ham%nlane, self%ham%ndof))
+      self%node = 0.5_wp
+      if (task%scheme%nstage == 1) self%node = task%scheme%c(1)
+      allocate (self%start(self%ham%nlane, self%ham%ndof))
    end subroutine make
 
    !> The inner step between two decays. Parentheses leave only the first product to be contracted, in one lane as in
@@ -81,9 +76,9 @@ contains
       call self%decays%set_step(step%h)
       self%inner%ham%nreal = self%ham%nreal
       do i = 1, self%ham%ndof
-         self%ps(:, i) = self%decays%begin(1, i)*p(:, i)
+         self%start(:, i) = self%decays%begin(1, i)*p(:, i)
       end do
-      call self%inner%increment(step, q, self%ps, dq, dp, status)
+      call self%inner%increment(step, q, self%start, dq, dp, status)
       do i = 1, self%ham%ndof
          dp(:, i) = self%decays%loss(i)*p(:, i) + (self%decays%finish(1, i)*dp(:, i))
       end do

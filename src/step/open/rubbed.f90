@@ -12,10 +12,9 @@
 !>
 !>    dp = E(h) p_n + dp* + E((1 - c) h) dp*
 module symsde_step_open_rubbed
-   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_step_open_damped, only: damped_stepper, damped_node
+   use symsde_step_open_damped, only: damped_stepper
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -29,8 +28,7 @@ module symsde_step_open_rubbed
    type, extends(damped_stepper) :: rubbed_stepper
       private
       type(friction_flow) :: friction
-      real(wp) :: node = 0                       !! part c of the step before the inner one
-      real(wp), allocatable :: start(:, :), moved(:, :)  !! p*, dp* (nlane, ndof)
+      real(wp), allocatable :: moved(:, :)    !! dp* (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -38,18 +36,14 @@ module symsde_step_open_rubbed
 
 contains
 
-   !> Copy the name and the properties of the inner stepper, which has been made.
+   !> A damped stepper, and its own decays.
    subroutine make(self, task)
       class(rubbed_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
-      type(stepper_task) :: closed
 
-      closed = task
-      closed%damping = damping_type()
-      call self%damped_stepper%make(closed)
-      self%node = damped_node(task%scheme)
+      call self%damped_stepper%make(task)
       call new_friction_flow(self%friction, task%damping, int(whole))
-      allocate (self%start(self%ham%nlane, self%ham%ndof), self%moved(self%ham%nlane, self%ham%ndof))
+      allocate (self%moved, mold=self%start)
    end subroutine make
 
    !> The inner step between two decays.
