@@ -84,6 +84,16 @@ def test_friction_as_a_force():
     assert "strong order    1 (derived)" in str(law)
 
 
+@pytest.mark.parametrize(("friction", "gamma"), [("force", 0.1), ("damping", 1e-3)])
+def test_factors_that_differences_do_not_tell_apart(friction, gamma):
+    """At small gamma h no factor is called exact: others are nearer to it than the differences see."""
+    law = ss.diagnose.bath_law("lobatto2", step=0.01, gamma=gamma, friction=friction)
+    assert law.defect < 1e-8
+    assert "exactly" not in law.contraction
+    assert float(law.contraction.split()[1].strip(",")) == pytest.approx(math.exp(-gamma * 0.01), abs=2e-8)
+    assert "too small to tell exp(-gamma h) from (1 - z/2)/(1 + z/2)" in law.contraction
+
+
 def midpoint_factors(step, gamma):
     """(4 - 2z + h^2 U'')/(4 + 2z + h^2 U'') in the middle of steps of the pendulum with F = -gamma p."""
     states = ((0.3, -0.4), (1.7, 0.8), (-2.4, 1.1), (0.9, -1.6))

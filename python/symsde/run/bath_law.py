@@ -189,16 +189,21 @@ def _contraction(scheme: Scheme, h: float, gamma: float, model: Model) -> tuple[
     by_q, by_p = derivative(0), derivative(1)
     factors = by_q[0] * by_p[1] - by_q[1] * by_p[0]
     z, spread = gamma * h, float(np.ptp(factors))
-    defect = float(np.abs(factors - math.exp(-z)).max())
-    if defect < _SEEN:
+    forms = {
+        "exp(-gamma h)": math.exp(-z),
+        "(1 - z/2)/(1 + z/2)": (1 - z / 2) / (1 + z / 2),
+        "1/(1 + z)": 1 / (1 + z),
+        "1 - z": 1 - z,
+    }
+    distance = {text: float(np.abs(factors - value).max()) for text, value in forms.items()}
+    defect = distance["exp(-gamma h)"]
+    near = [text for text, far in distance.items() if far < _SEEN]
+    if len(near) > 1:
+        return f"times {factors[0]:.8g}, where gamma h = {z:g} is too small to tell {near[0]} from {near[1]}", defect
+    if near and near[0] == "exp(-gamma h)":
         return f"times exp(-gamma h) = {math.exp(-z):.12g}, exactly", defect
+    if near:
+        return f"times {near[0]} = {forms[near[0]]:.10g} with z = gamma h, at all of them", defect
     if spread > _SEEN:
         return f"times {factors.min():.6g} to {factors.max():.6g}: it depends on the state", defect
-    for text, value in (
-        ("(1 - z/2)/(1 + z/2)", (1 - z / 2) / (1 + z / 2)),
-        ("1/(1 + z)", 1 / (1 + z)),
-        ("1 - z", 1 - z),
-    ):
-        if abs(factors[0] - value) < _SEEN:
-            return f"times {text} = {value:.10g} with z = gamma h, at all of them", defect
     return f"times {factors[0]:.10g}, at all of them", defect
