@@ -152,6 +152,11 @@ def moments_of_steps(model, step):
     return np.linalg.solve(np.eye(4 * n * n) - np.kron(a, a), (b @ b.T).ravel()).reshape(2 * n, 2 * n)
 
 
+def restoring(t, w, q, p):
+    """H = p^2/2 + q^2/2, H_k = sin q."""
+    return w[0] * q + w[1:].sum(axis=0) * np.cos(q), w[0] * p
+
+
 def test_friction_of_own_noises():
     """Gamma = beta/2 sum f_k f_k^T: a matrix for correlated noises, rates for others. The law is exp(-beta H) up to the
     step, h^2 = 1e-4. With 5 % more friction it is not, and such friction given by a user is refused."""
@@ -178,9 +183,11 @@ def test_friction_of_own_noises():
         ):
             ss.thermostat(rubbed, beta=beta)
         assert ss.thermostat(rubbed, beta=2.1) is rubbed
+    quiet = ss.Model(ndof=1, nnoise=1, gradient=restoring, position_noise=True, silent=[1])
     for model, told in (
         (FREE, "has no noise of its own: give gamma, too"),
         (ss.models.kubo(sigma=0.0), "has no noise of its own"),
+        (quiet, "model user has no noise of its own"),
         (ss.models.pendulum(), "are not all linear in q with constant factors, or depend on p"),
         (ss.models.synchrotron().damped(1.0), "are not all linear in q with constant factors"),
         (ss.model_from_sympy("p**2/2", noise=["sin(t)*q"]), "are not all linear in q with constant factors"),
@@ -303,12 +310,40 @@ def test_models_remember_their_bath():
     chain = ss.thermostat(ss.models.fpu_chain(n=4, sigma=0.0), beta=2.0, gamma=0.5)
     assert repr(chain) == "fpu_chain(n=4, beta=1, sigma=0, damping=0.5, bath at beta=2)"
     assert chain.damped(0.0).damping == ()
+    assert "bath" not in repr(chain.damped(0.0)) + repr(chain.damped(2.0))  # their temperature is not 1/beta
+    assert "bath at beta=2, forced" in repr(chain.forced(lambda q, p, t: -(q**3)))
     assert pickle.loads(pickle.dumps(chain.damped(0.0))).damping == ()
     assert "H_5 .. H_8 = -sqrt(2 gamma_i m_i/beta) q_i" in chain._repr_html_()
     named = ss.thermostat(ss.model_from_sympy("y**2/2 + x**4", q="x", p="y"), beta=[1.5], gamma=[0.5])
     assert named.coordinates == ("x", "y")
     run = ss.simulate(named, q0=0.1, p0=0.0, step=0.1, steps=1)
     assert run.report.status == 0
+
+
+def cubic(q, p, t):
+    """A force."""
+    return -(q**3)
+
+
+def test_a_bath_of_own_noises_is_carried_along():
+    """Pickles know of it, and so does the model with another force. Its friction does not stay behind where parameters
+    change: it was found for the present ones."""
+    line = ss.model_from_sympy("p**2/2 - cos(q)", noise=["s*q"], params={"s": 0.3})
+    sine = ss.Model(ndof=1, nnoise=1, gradient=restoring, position_noise=True, identity_mass=True)
+    for model in (ss.thermostat(line, beta=2.0), ss.thermostat(sine, beta=2.0)):
+        again = pickle.loads(pickle.dumps(model))
+        assert repr(again) == repr(model)
+        assert "bath at beta=2" in repr(model)
+        assert (again._fluctuating, again.damping) == (True, model.damping)
+        assert "bath" not in repr(model.damped(5.0))
+    forced = ss.thermostat(line, beta=2.0).forced(cubic)
+    assert repr(forced) == "formula(s=0.3, damping=0.09, bath at beta=2, forced)"
+    for model in (forced, pickle.loads(pickle.dumps(forced))):
+        with pytest.raises(IncompatibleError, match="belongs to its noises and masses"):
+            model.with_parameters(s=0.5)
+    free = ss.thermostat(sine, beta=2.0).damped(0.5).forced(cubic)  # the friction of the noises was a force
+    assert repr(free) == "user(ndof=1, nnoise=1, damping=0.5, forced)"
+    assert not free._fluctuating
 
 
 def test_functions_in_a_bath():

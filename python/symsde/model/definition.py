@@ -327,6 +327,7 @@ class Model:
         """
         closed = self._closed or self
         other = _copied(closed)
+        other._bath = ()  # another friction is that of no bath, or of another one
         other._damp(closed, damping, checks.flag("allow_gain", allow_gain), each)
         return other if other.damping else closed
 
@@ -437,7 +438,15 @@ class Model:
         if forces:
             other = _copied(free)
             other._force(free, forces)
-        return other.damped(self._asked, allow_gain=True) if self.damping else other
+        if not self.damping:
+            return other
+        other = other.damped(self._asked, allow_gain=True)
+        return other._in_bath(self._bath, self._fluctuating) if self._bath else other
+
+    def _in_bath(self, beta: tuple[float, ...], fluctuating: bool) -> Self:
+        """This new model, with what is known of the bath that its friction and noises are."""
+        self._bath, self._fluctuating = beta, fluctuating
+        return self
 
     @property
     def _asked(self) -> np.ndarray | Rates:
@@ -456,10 +465,10 @@ class Model:
         if self._closed is not None:
             if self._varying:
                 require_names(self.name, [self._varying.function])
-            return _damped_again, (self._closed, self._damping, self._fluctuating)
+            return _damped_again, (self._closed, self._damping, self._bath, self._fluctuating)
         if self._unforced is not None and self._remade is self._unforced._remade:  # not those of formulas
             require_names(self.name, self._forces.functions().values())
-            return _forced_again, (self._unforced, self._forces)
+            return _forced_again, (self._unforced, self._forces, self._bath, self._fluctuating)
         if self._remade is None:
             raise WrongTypeError(
                 f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
@@ -657,18 +666,16 @@ class _FrictionOfNoises:
         return -self.beta / 2 * sum(g * (g * velocity).sum(axis=0) for g in gradients)
 
 
-def _forced_again(free: Model, forces: Forces) -> Model:
+def _forced_again(free: Model, forces: Forces, *bath: Any) -> Model:
     """A model with forces from what pickle kept of it."""
     other = _copied(free)
     other._force(free, forces)
-    return other
+    return other._in_bath(*bath)
 
 
-def _damped_again(closed: Model, rates: Damping, fluctuating: bool) -> Model:
+def _damped_again(closed: Model, rates: Damping, *bath: Any) -> Model:
     """Make a damped model again from its pickle."""
-    other = closed.damped(rates, allow_gain=True)
-    other._fluctuating = fluctuating
-    return other
+    return closed.damped(rates, allow_gain=True)._in_bath(*bath)
 
 
 def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gain: bool) -> ModelHandle:

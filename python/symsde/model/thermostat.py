@@ -44,8 +44,8 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
     if gamma is None:
         return _by_own_noises(model, beta)
     rates, betas = (_one_or_each(key, value, model.ndof) for key, value in (("gamma", gamma), ("beta", beta)))
-    bathed = _noisy(model, rates, betas).damped(rates)
-    if any(k not in model.traits.silent for k in range(1, model.nnoise + 1)):
+    bathed = _noisy(model, rates, betas).damped(rates)._in_bath(betas, fluctuating=False)
+    if _noises(model):
         checks.warn(
             f"model {model.name} has noises of its own, which heat it beside the bath: its temperature is above "
             "1/beta; give a model without noise, or with noises of strength zero",
@@ -75,14 +75,12 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
             "value of each: call thermostat for each value, or give gamma, too"
         )
     found = _with_own_friction(model, inverse_temperature)
-    if found is not model:
-        found._fluctuating, found._bath = not found._derives_bath, (inverse_temperature,)
-    return found
+    return model if found is model else found._in_bath((inverse_temperature,), not found._derives_bath)
 
 
 def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
     """A model with the friction that belongs to its noises at 1/inverse_temperature, or the same model."""
-    if not model.damping and not _is_linear(model):
+    if not model.damping and not _is_linear(model) and _noises(model):
         return model._rubbed_by_noises(inverse_temperature)
     forces = _constant_forces(model)
     product = forces @ forces.T
@@ -114,6 +112,11 @@ def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
     return model
 
 
+def _noises(model: Model) -> list[int]:
+    """Numbers of the noises that are not silent."""
+    return [k for k in range(1, model.nnoise + 1) if k not in model.traits.silent]
+
+
 def _is_linear(model: Model) -> bool:
     """Whether noises are linear in q by their traits, or are not of q alone, which is refused later."""
     return model.traits.additive or not model.traits.position_noise
@@ -122,7 +125,7 @@ def _is_linear(model: Model) -> bool:
 def _constant_forces(model: Model) -> np.ndarray:
     """f_k of noises H_k = -f_k.q, one in each column (dof, noise)."""
     traits = model.traits
-    noises = [k for k in range(1, model.nnoise + 1) if k not in traits.silent]
+    noises = _noises(model)
     if not noises:
         raise IncompatibleError(
             f"model {model.name} has no noise of its own: give gamma, too, and the bath brings noise"
@@ -166,7 +169,7 @@ def _noisy(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> M
     noisy._coordinates = model._coordinates
     which = f"H_{model.nnoise + 1}" + (f" .. H_{noisy.nnoise}" if model.ndof > 1 else "")
     noisy._hamiltonians = [*model._hamiltonians, f"{which} = -sqrt(2 gamma_i m_i/beta) q_i"]
-    noisy._bath, noisy._forces = beta, model._forces
+    noisy._forces = model._forces
     return noisy
 
 
