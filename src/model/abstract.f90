@@ -249,6 +249,7 @@ contains
       self%forces => forces
       self%traits%forces = force_traits()
       if (associated(forces)) self%traits%forces = forces%traits
+      self%traits%forces%bandwidth = min(self%traits%forces%bandwidth, self%traits%ndof - 1)
       ! A noise whose H_k vanishes still has to be drawn where a force f_k goes with it.
       if (self%traits%forces%noise .and. allocated(self%traits%silent)) deallocate (self%traits%silent)
       call self%passed%forget()

@@ -105,7 +105,10 @@ def test_false_bandwidths_are_refused():
     run = {"scheme": "midpoint", "steps": 1, **START}
     with pytest.raises(FalseTraitError, match=r"reaches beyond its bandwidth \(force_bandwidth\): give a larger one"):
         ss.simulate(CHAIN.forced(rubbing, force_bandwidth=0), **run)
-    assert ss.simulate(CHAIN.forced(rubbing, force_bandwidth=5), **run).report.status == 0
+    for wide in (5, SITES - 1, SITES, 2**31 - 1):
+        assert ss.simulate(CHAIN.forced(rubbing, force_bandwidth=wide), **run).report.status == 0
+    with pytest.raises(InvalidArgumentError, match="force_bandwidth = 4294967296"):
+        CHAIN.forced(rubbing, force_bandwidth=2**32)
     with pytest.raises(InvalidArgumentError, match="force_bandwidth = -1: give the largest"):
         CHAIN.forced(rubbing, force_bandwidth=-1)
     with pytest.raises(WrongTypeError, match="force_bandwidth"):

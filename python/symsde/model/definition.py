@@ -630,7 +630,7 @@ def _forces(force, derivative, noise_force, noise_derivative, *declared) -> Forc
     *in_position, bandwidth = declared
     flags = (checks.flag(x, y) for x, y in zip(("position_force", "position_noise_force"), in_position, strict=True))
     if bandwidth is not None:
-        bandwidth = checks.integer("force_bandwidth", bandwidth)
+        bandwidth = checks.integer("force_bandwidth", bandwidth, checks.INT32)
         if bandwidth < 0:
             raise InvalidArgumentError(
                 f"force_bandwidth = {bandwidth}: give the largest |i - j| of q_j or p_j on which a component i of a "

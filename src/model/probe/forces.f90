@@ -150,11 +150,12 @@ contains
       if (allocated(error)) return
       relative = vanishing
       if (present(within)) relative = within
-      scale = 0
+      scale = -1
       do lane = 1, npoint
          size_of = maxval(abs(should(lane, :))) + maxval(abs(beside(lane, :))) + 0*sum(is(lane, :))
          if (size_of <= huge(size_of)) scale = max(scale, size_of)  ! skips NaN
       end do
+      if (scale < 0) return  ! no point has a finite force
       do lane = 1, npoint
          do i = 1, points%ndof
             if (.not. abs(is(lane, i) - should(lane, i)) > relative*scale) cycle
