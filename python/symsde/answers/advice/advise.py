@@ -83,8 +83,8 @@ def advise(
       "invariants", the largest change of H up to the horizon (with noise if the noise keeps H, else without)
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
     - seconds: processor time that the search may take; a measurement that would end later is left out, but the first
-      one may take ten times as long. A reason names the schemes left out; if none is found in time, steps are foretold from
-      measured and claimed orders
+      one may take ten times as long. A reason names the schemes left out; if none is found in time, steps are foretold
+      from measured and claimed orders
     - progress: True shows a bar of the schemes that were tried, with the name and the steps of the present one; a
       function f(done, total) may return True: the advice is then among the schemes tried so far
 
