@@ -299,7 +299,10 @@ def test_formulas_follow_parameters_and_pickles():
     assert constant.damping == (1.4,)
     assert constant.with_parameters(g=1.0).damping == (2.0,)
     assert pickle.loads(pickle.dumps(constant)).with_parameters(g=0.5).damping == (1.0,)
-    assert constant.with_parameters(g=0.0).damping == ()
+    none = constant.with_parameters(g=0.0)
+    assert none.damping == () and none.damped(0).with_parameters(g=0.5).damping == ()
+    for x in (none, pickle.loads(pickle.dumps(none))):
+        assert x.with_parameters(g=0.5).damping == (1.0,)
     assert model.damped(0.3).damping == (0.3,)
     assert model.damped(0).damping == ()
     assert model.damped(0.3).with_parameters(g=9.0).damping == (0.3,)

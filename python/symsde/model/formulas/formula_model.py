@@ -329,9 +329,11 @@ def _damped(model: FormulaModel, code: Code, damping: Any) -> FormulaModel:
     if not isinstance(damping, _rates.Asked):
         return model.damped(damping, allow_gain=True)
     found = code.rates.at(model._parameters, code.compiled)
-    if isinstance(found, list) and not any(found):
-        return model
-    damped = Model.damped(model, found, allow_gain=damping.allow_gain)
+    if isinstance(found, list) and not any(found):  # for these values of parameters
+        damped = _of_values(code, model._parameters, None)
+        damped._closed = model
+    else:
+        damped = Model.damped(model, found, allow_gain=damping.allow_gain)
     damped._by_formula = damping
     return damped
 
