@@ -248,6 +248,28 @@ def test_refused_schemes(scheme, why):
         ss.gradient(model, "q", **RUN, scheme=scheme)
 
 
+def test_parameters_of_the_damping():
+    """Parameters with which rates of damping change are refused, others have their derivatives."""
+
+    def make(damping="g*k", force=None, **values):
+        params = {"k": 1.3, "g": 0.4, "s": 0.5} | values
+        return ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*q"], params=params, damping=damping, force=force)
+
+    def heavy(**values):
+        params = {"k": 1.3, "m": 1.5, "s": 0.5} | values
+        return ss.model_from_sympy("p**2/(2*m) - k*cos(q)", ["s*q"], params=params)
+
+    rubbed = lambda **x: make(None, ["-g*p"], **x)  # noqa: E731
+    bath = ss.thermostat(heavy(), beta=1.0)
+    refused = [(make(), "g"), (make(), "k"), (make(g=0.0), "g"), (rubbed(), "g"), (bath, "s"), (bath, "m")]
+    for model, name in refused:
+        for call in (lambda: ss.gradient(model, "q", [name], **RUN), lambda: ss.tangent(model, [name], **RUN)):
+            with pytest.raises(IncompatibleError, match=f"changes with {name}, and derivatives by rates"):
+                call()
+    for taken, name in ((make, "s"), (rubbed, "k"), (lambda **x: ss.thermostat(heavy(**x), beta=1.0), "k")):
+        require_gradient(taken, "q**2", [name], scheme="midpoint")
+
+
 def test_refused_inputs():
     """Bad input is refused with a sentence."""
     run = RUN | {"scheme": "stormer_verlet"}

@@ -40,6 +40,7 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
         )
     others = {f"c{k}": model.parameters[x] for k, x in enumerate(problem.parameters) if x not in wanted}
     _require_generic(model, names)
+    _require_own_rates(model, names, problem)
     key = tuple(wanted)
     if key not in code.wide:
         code.wide[key] = _derived(problem, wanted, others, model.name)
@@ -60,6 +61,25 @@ def _require_generic(model: Model, names: Sequence[str]) -> None:
             raise IncompatibleError(
                 f"model {model.name} has traits at {told} ({trait}) that it loses beside it, and steps are chosen by "
                 f"traits: give a value nearby, as {special[0]} = {model.parameters[special[0]] + 1e-6:g}"
+            )
+
+
+def _require_own_rates(model: Model, names: Sequence[str], problem: Problem) -> None:
+    """Refuse parameters with which the damping changes: derivatives by rates of damping are not known."""
+    for name in names:
+        if model._fluctuating:  # the friction of a bath belongs to the noises and the masses
+            H, *noise = problem.hamiltonians
+            momenta = problem.coordinates("p")
+            held = [*noise, *(H.diff(x) for x in H.free_symbols if x.name in momenta)]
+            symbol = f"c{[*problem.parameters].index(name)}"
+            changes = any(x.name == symbol for h in held for x in h.free_symbols)
+        else:
+            beside = model.with_parameters(**{name: np.add(model.parameters[name], 0.1357)})
+            changes = beside.damping != model.damping
+        if changes:
+            raise IncompatibleError(
+                f"the damping of model {model.name} changes with {name}, and derivatives by rates of damping are not "
+                "known: ask for other parameters, or damp by numbers"
             )
 
 
