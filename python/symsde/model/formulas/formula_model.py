@@ -395,8 +395,9 @@ def _derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem, prover.vanishing())
-        source = emit_c.source(derivatives) + emit_flow.source(derivatives) + _forces.source(pulls)
-        source += _rates.source(rates)
+        source = emit_c.source(derivatives) + _forces.source(pulls) + _rates.source(rates)
+        if given.get("steps", True):
+            source += emit_flow.source(derivatives)
     else:
         _forces.refuse_sites(given["force"], given["noise_force"])
         if formulas:
@@ -433,6 +434,11 @@ def _no_rotation(_values: list) -> None:
     return None
 
 
+def _whole_steps(code: Code) -> list[str]:
+    """Schemes whose whole steps are compiled."""
+    return emit_flow.flows(code.derivatives) if code.derivatives and code.given.get("steps", True) else []
+
+
 def _of_values(code: Code, values: dict[str, Any], damping: Any) -> FormulaModel:
     """A model with these values of all parameters, and damped momenta if there are rates."""
     kind = parameters.kind_of(values)
@@ -457,7 +463,7 @@ def _decaying(code: Code) -> FormulaModel | None:
 
     They are a file of their own, since most models are closed and their compilation takes long.
     """
-    schemes = emit_flow.flows(code.derivatives) if code.compiled and code.derivatives else []
+    schemes = _whole_steps(code) if code.compiled else []
     if code.decaying is None and schemes:
         made = code.derivatives
         compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
@@ -470,7 +476,7 @@ def _decaying(code: Code) -> FormulaModel | None:
 def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> FormulaModel:
     """A model of compiled functions that knows no values of its parameters; more: whole steps beside its own."""
     functions = {**_functions(code.compiled), "accepts_null": True, "any_lanes": True}
-    flows = emit_flow.flows(code.derivatives) if code.derivatives else []
+    flows = _whole_steps(code)
     functions["flows"] = {emit_flow.named(x): _address(code.compiled, f"formula_flow_{x}") for x in flows} | {**more}
     pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
     code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))

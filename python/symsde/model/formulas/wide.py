@@ -107,6 +107,7 @@ def _derived(problem: Problem, wanted: list[str], others: dict[str, float], name
             "force": None,
             "noise_force": None,
             "name": name,
+            "steps": False,
         }
     )
 
