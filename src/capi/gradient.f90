@@ -37,6 +37,20 @@ module symsde_capi_gradient
       procedure :: failure_code
    end type callback_function
 
+   !> The arguments of both functions.
+   type :: sweep_arguments
+      class(model_type), pointer :: model => null(), wide => null()
+      class(model_type), allocatable :: own, own_wide
+      type(scheme_type), pointer :: scheme => null()
+      type(run_options) :: options
+      type(run_input) :: from
+      type(initial_state) :: start
+      real(wp), pointer, contiguous :: theta(:, :) => null()         !! (nrow, nparameter)
+      real(wp) :: nothing(1, 0) = 0
+      integer(i4), pointer, contiguous :: codes(:) => null()         !! (npath)
+      integer(i8), pointer, contiguous :: failed_step(:) => null()   !! (npath)
+   end type sweep_arguments
+
    abstract interface
       !> symsde_path_function
       function path_callback(first, nlane, ndof, ntime, nparameter, t, q, p, value, fq, fp, ftheta, user) bind(c) &
@@ -66,61 +80,39 @@ contains
       type(c_ptr), intent(in), value :: user, value, by_q, by_p, codes, failed_step, report, error
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      class(model_type), pointer :: m, w
-      class(model_type), allocatable, target :: own, own_wide
-      type(scheme_type), pointer :: s
-      type(run_options) :: o
-      type(run_input) :: from
-      type(initial_state) :: start
+      type(sweep_arguments), target :: a
       type(run_report) :: outcome
       type(callback_function) :: function_of_path
-      real(wp), pointer, contiguous :: theta(:, :), values(:), u(:, :), c(:, :)
-      real(wp), target :: nothing(1, 0)
-      integer(i4), pointer, contiguous :: stati(:)
+      real(wp), pointer, contiguous :: values(:), u(:, :), c(:, :)
       integer(i4), target :: failure
-      integer(i8), pointer, contiguous :: steps(:)
       integer(i8) :: n
       integer :: code
 
-      call use_model(model, own, m, refusal)
-      call use_model(wide, own_wide, w, refusal)
-      call find_scheme(scheme, s, refusal)
-      call read_options(options, o, refusal)
-      call check_report(report, refusal)
+      call read_arguments(a, 'symsde_path_gradient', model, wide, scheme, options, input, nparameter, nrow, &
+                          parameters, codes, failed_step, report, refusal)
       call require_function(f, 'f', refusal)
       call require(value, 'value', refusal)
       call require(by_q, 'by_q', refusal)
       call require(by_p, 'by_p', refusal)
-      call require(codes, 'codes', refusal)
-      call require(failed_step, 'failed_step', refusal)
-      if (nparameter < 0) call raise(refusal, invalid_argument, 'symsde_path_gradient', 'nparameter = '// &
-                                     to_text(nparameter)//' is negative: give the number of parameters, or 0')
-      if (nparameter > 0) call require(parameters, 'parameters', refusal)
+      n = 0
       if (.not. allocated(refusal)) then
-         call read_input(input, m%traits%ndof, o%npath, from, refusal)
-         call check_sizes(int(m%traits%ndof, i8) + nparameter, o%npath, 1_i8, 'by_q', refusal)
-         call check_sizes(saved_count(o), int(m%traits%ndof, i8), 1_i8, 'the saved states', refusal)
-         call check_sizes(int(nparameter, i8), nrow, 1_i8, 'parameters', refusal)
+         n = a%model%traits%ndof
+         call check_sizes(n + nparameter, a%options%npath, 1_i8, 'by_q', refusal)
+         call check_sizes(saved_count(a%options), n, 1_i8, 'the saved states', refusal)
       end if
       failure = 0
       if (.not. allocated(refusal)) then
-         n = m%traits%ndof
-         theta => nothing
-         if (nparameter > 0) call view(parameters, nrow, int(nparameter, i8), theta)
-         call view(value, o%npath, values)
-         call view(by_q, o%npath, n + nparameter, u)
-         call view(by_p, o%npath, n, c)
-         call view(codes, o%npath, stati)
-         call view(failed_step, o%npath, steps)
+         call view(value, a%options%npath, values)
+         call view(by_q, a%options%npath, n + nparameter, u)
+         call view(by_p, a%options%npath, n, c)
          call c_f_procpointer(f, function_of_path%on_path)
          function_of_path%user = user
          function_of_path%failure => failure
-         call begin_at(start, from)
-         call path_gradient(m, w, s, o, start, theta, function_of_path, values, u, c, stati, steps, outcome, refusal, &
-                            from%dw, from%monitor)
+         call path_gradient(a%model, a%wide, a%scheme, a%options, a%start, a%theta, function_of_path, values, u, c, &
+                            a%codes, a%failed_step, outcome, refusal, a%from%dw, a%from%monitor)
       end if
       code = failure
-      if (code == 0 .and. associated(m)) code = m%failure_code()
+      if (code == 0 .and. associated(a%model)) code = a%model%failure_code()
       status = end_run(refusal, code, outcome, report, error)
    end function symsde_path_gradient
 
@@ -137,62 +129,71 @@ contains
       type(c_ptr), intent(in), value :: v, logs, last_q, last_p, codes, failed_step, report, error
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      class(model_type), pointer :: m, w
-      class(model_type), allocatable, target :: own, own_wide
-      type(scheme_type), pointer :: s
-      type(run_options) :: o
-      type(run_input) :: from
-      type(initial_state) :: start
+      type(sweep_arguments), target :: a
       type(run_report) :: outcome
-      real(wp), pointer, contiguous :: theta(:, :), vectors(:, :, :), sums(:, :), q(:, :), p(:, :)
-      real(wp), target :: nothing(1, 0)
-      integer(i4), pointer, contiguous :: stati(:)
-      integer(i8), pointer, contiguous :: steps(:)
+      real(wp), pointer, contiguous :: vectors(:, :, :), sums(:, :), q(:, :), p(:, :)
       integer(i8) :: n
       integer :: code
 
-      call use_model(model, own, m, refusal)
-      call use_model(wide, own_wide, w, refusal)
-      call find_scheme(scheme, s, refusal)
-      call read_options(options, o, refusal)
-      call check_report(report, refusal)
+      call read_arguments(a, 'symsde_path_tangent', model, wide, scheme, options, input, nparameter, nrow, parameters, &
+                          codes, failed_step, report, refusal)
       call require(v, 'v', refusal)
       call require(logs, 'logs', refusal)
       call require(last_q, 'last_q', refusal)
       call require(last_p, 'last_p', refusal)
-      call require(codes, 'codes', refusal)
-      call require(failed_step, 'failed_step', refusal)
-      if (nparameter < 0) call raise(refusal, invalid_argument, 'symsde_path_tangent', 'nparameter = '// &
-                                     to_text(nparameter)//' is negative: give the number of parameters, or 0')
       if (nvector < max(1, nparameter)) &
          call raise(refusal, invalid_argument, 'symsde_path_tangent', 'nvector = '//to_text(nvector)// &
                     ' is too small: give at least one vector, and one for each parameter')
       if (turn < 0) call raise(refusal, invalid_argument, 'symsde_path_tangent', 'turn = '//to_text(turn)// &
                                ' is negative: give a number of steps, or 0 for tangent maps')
-      if (nparameter > 0) call require(parameters, 'parameters', refusal)
+      n = 0
       if (.not. allocated(refusal)) then
-         call read_input(input, m%traits%ndof, o%npath, from, refusal)
-         call check_sizes(int(nvector, i8), 2_i8*m%traits%ndof, o%npath, 'v', refusal)
-         call check_sizes(int(nparameter, i8), nrow, 1_i8, 'parameters', refusal)
+         n = a%model%traits%ndof
+         call check_sizes(int(nvector, i8), 2*n, a%options%npath, 'v', refusal)
       end if
       if (.not. allocated(refusal)) then
-         n = m%traits%ndof
-         theta => nothing
-         if (nparameter > 0) call view(parameters, nrow, int(nparameter, i8), theta)
-         call view(v, o%npath, 2*n, int(nvector, i8), vectors)
-         call view(logs, o%npath, int(nvector, i8), sums)
-         call view(last_q, o%npath, n, q)
-         call view(last_p, o%npath, n, p)
-         call view(codes, o%npath, stati)
-         call view(failed_step, o%npath, steps)
-         call begin_at(start, from)
-         call path_tangent(m, w, s, o, start, theta, turn, vectors, sums, q, p, stati, steps, outcome, refusal, &
-                           from%dw, from%monitor)
+         call view(v, a%options%npath, 2*n, int(nvector, i8), vectors)
+         call view(logs, a%options%npath, int(nvector, i8), sums)
+         call view(last_q, a%options%npath, n, q)
+         call view(last_p, a%options%npath, n, p)
+         call path_tangent(a%model, a%wide, a%scheme, a%options, a%start, a%theta, turn, vectors, sums, q, p, a%codes, &
+                           a%failed_step, outcome, refusal, a%from%dw, a%from%monitor)
       end if
       code = 0
-      if (associated(m)) code = m%failure_code()
+      if (associated(a%model)) code = a%model%failure_code()
       status = end_run(refusal, code, outcome, report, error)
    end function symsde_path_tangent
+
+   !> Check and convert the arguments of both functions.
+   subroutine read_arguments(a, place, model, wide, scheme, options, input, nparameter, nrow, parameters, codes, &
+                             failed_step, report, refusal)
+      type(sweep_arguments), intent(inout), target :: a
+      character(*), intent(in) :: place
+      type(c_ptr), intent(in) :: model, wide, scheme, options, input, parameters, codes, failed_step, report
+      integer(c_int), intent(in) :: nparameter
+      integer(c_int64_t), intent(in) :: nrow
+      type(error_type), allocatable, intent(inout) :: refusal
+
+      call use_model(model, a%own, a%model, refusal)
+      call use_model(wide, a%own_wide, a%wide, refusal)
+      call find_scheme(scheme, a%scheme, refusal)
+      call read_options(options, a%options, refusal)
+      call check_report(report, refusal)
+      call require(codes, 'codes', refusal)
+      call require(failed_step, 'failed_step', refusal)
+      if (nparameter < 0) call raise(refusal, invalid_argument, place, 'nparameter = '//to_text(nparameter)// &
+                                     ' is negative: give the number of parameters, or 0')
+      if (nparameter > 0) call require(parameters, 'parameters', refusal)
+      if (allocated(refusal)) return
+      call read_input(input, a%model%traits%ndof, a%options%npath, a%from, refusal)
+      call check_sizes(int(nparameter, i8), nrow, 1_i8, 'parameters', refusal)
+      if (allocated(refusal)) return
+      call begin_at(a%start, a%from)
+      call view(codes, a%options%npath, a%codes)
+      call view(failed_step, a%options%npath, a%failed_step)
+      a%theta => a%nothing
+      if (nparameter > 0) call view(parameters, nrow, int(nparameter, i8), a%theta)
+   end subroutine read_arguments
 
    !> Call the function until it has failed once; derivatives that it does not write are zero, and so are the
    !> derivatives of failed calls, whose values are NaN.

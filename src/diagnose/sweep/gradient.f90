@@ -13,9 +13,9 @@ module symsde_diagnose_sweep_gradient
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
    use symsde_base_memory, only: require_memory
-   use symsde_base_status, only: error_type, raise, wrong_shape, incompatible, callback_failed
+   use symsde_base_status, only: error_type, raise, wrong_shape, incompatible, callback_failed, stopped
    use symsde_base_text, only: to_text
-   use symsde_diagnose_sweep_sweeper, only: sweep_plan, sweep_observer, numbers_of_step, rest
+   use symsde_diagnose_sweep_sweeper, only: sweep_plan, sweep_observer, numbers_of_step, rest, end_if_stopped
    use symsde_diagnose_sweep_path_function, only: path_function
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type, tell_warnings
@@ -31,7 +31,7 @@ module symsde_diagnose_sweep_gradient
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: path_gradient, steps_at_once, require_plain
+   public :: path_gradient, steps_at_once, resolve_linear
 
    character(*), parameter :: place = 'path_gradient'
    real(wp), parameter :: room = 7e6_wp/8   !! numbers that a thread may keep of the steps of its block
@@ -51,6 +51,7 @@ module symsde_diagnose_sweep_gradient
       procedure :: forward
       procedure :: backward
       procedure :: drive
+      procedure :: has_ended
       procedure :: rows
    end type long_run
 
@@ -83,12 +84,7 @@ contains
       type(long_run), target :: run
       integer :: most
 
-      if (allocated(error)) return
-      call check_options(options, error)
-      if (allocated(error)) return
-      call resolve_task(task, model, scheme, steppers_of(options), error)
-      call require_linear(task, wide, error)
-      call require_plain(options, size(theta, 1, i8), size(theta, 2), wide%traits%ndof - model%traits%ndof, error)
+      call resolve_linear(task, model, wide, scheme, options, theta, error)
       if (allocated(error)) return
       value = 0
       u = 0
@@ -149,22 +145,33 @@ contains
       steps_at_once = max(rest, steps_at_once)
    end function steps_at_once
 
-   !> Refuse compensated sums, and a wrong number of parameters or of their rows.
-   subroutine require_plain(options, nrow, nparameter, needed, error)
+   !> Resolve the task of a run. Refused are models and schemes without exact derivatives, compensated sums, and a wrong
+   !> number of parameters or of their rows.
+   subroutine resolve_linear(task, model, wide, scheme, options, theta, error)
+      type(stepper_task), intent(out) :: task
+      class(model_type), intent(in), target :: model, wide
+      type(scheme_type), intent(in), target :: scheme
       type(run_options), intent(in) :: options
-      integer(i8), intent(in) :: nrow
-      integer, intent(in) :: nparameter, needed
+      real(wp), intent(in) :: theta(:, :)   !! parameters (npath or 1, nparameter)
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      if (options%compensated) then
-         call raise(error, incompatible, place, 'compensated sums have the derivatives of plain ones: leave '// &
-                    'compensated out')
-      else if (nparameter /= needed .or. .not. any(nrow == [1_i8, options%npath])) then
-         call raise(error, wrong_shape, place, 'there are '//to_text(nparameter)//' parameters for '//to_text(nrow)// &
-                    ' paths; needed are '//to_text(needed)//', for one or '//to_text(options%npath)//' paths')
-      end if
-   end subroutine require_plain
+      call check_options(options, error)
+      if (allocated(error)) return
+      call resolve_task(task, model, scheme, steppers_of(options), error)
+      call require_linear(task, wide, error)
+      if (allocated(error)) return
+      associate (needed => wide%traits%ndof - model%traits%ndof)
+         if (options%compensated) then
+            call raise(error, incompatible, place, 'compensated sums have the derivatives of plain ones: leave '// &
+                       'compensated out')
+         else if (size(theta, 2) /= needed .or. .not. any(size(theta, 1, i8) == [1_i8, options%npath])) then
+            call raise(error, wrong_shape, place, 'there are '//to_text(size(theta, 2))//' parameters for '// &
+                       to_text(size(theta, 1))//' paths; needed are '//to_text(needed)//', for one or '// &
+                       to_text(options%npath)//' paths')
+         end if
+      end associate
+   end subroutine resolve_linear
 
    !> Take all pieces forward, then each piece back, the last one first.
    subroutine in_pieces(run, from, observer, report, error)
@@ -198,7 +205,7 @@ contains
       call repeat_rows(from%q, ends_q(:, :, 1))
       call repeat_rows(from%p, ends_p(:, :, 1))
       call run%forward(ends_q, ends_p, fq, fp, error)
-      if (.not. allocated(error)) call run%backward(ends_q, ends_p, observer, error)
+      call run%backward(ends_q, ends_p, observer, error)
       if (allocated(error)) return
       report = run%ensemble%report
       if (run%f%failure_code() /= 0) report%status = callback_failed
@@ -234,7 +241,7 @@ contains
             recorder%last_q => ends_q(:, :, i + 1)
             recorder%last_p => ends_p(:, :, i + 1)
             call self%drive(i, each, ends_q(:, :, i), ends_p(:, :, i), recorder, error)
-            if (allocated(error)) return
+            if (self%has_ended(error)) return
             do k = 1, size(x, 3) - 1
                at = ends(i) + k*each
                if (mod(at, plan%every) /= 0) cycle
@@ -261,13 +268,20 @@ contains
       integer :: i
 
       do i = size(self%ends) - 1, 1, -1
-         if (self%f%failure_code() /= 0) return
+         if (self%has_ended(error)) return
          self%plan%first = self%plan%origin + self%ends(i)
          self%plan%nstep = int(self%ends(i + 1) - self%ends(i))
          call self%drive(i, 1_i8, ends_q(:, :, i), ends_p(:, :, i), observer, error)
-         if (allocated(error)) return
       end do
    end subroutine backward
+
+   !> Whether no further piece follows: after an error, a stop, or a failure of f.
+   logical function has_ended(self, error)
+      class(long_run), intent(in) :: self
+      type(error_type), allocatable, intent(in) :: error
+
+      has_ended = allocated(error) .or. self%f%failure_code() /= 0 .or. any(self%plan%status == stopped)
+   end function has_ended
 
    !> Take the steps of piece i from the states before it.
    subroutine drive(self, i, each, q, p, observer, error)
@@ -288,6 +302,7 @@ contains
          ensemble%options%nstep = self%ends(i + 1) - self%ends(i)
          ensemble%options%save_every = each
          call ensemble%drive(start, observer, error, self%rows(self%ends(i), self%ends(i + 1)), self%monitor)
+         call end_if_stopped(self%plan, self%plan%origin + self%ends(i + 1), ensemble%report%nstopped)
       end associate
    end subroutine drive
 

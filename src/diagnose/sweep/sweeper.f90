@@ -16,6 +16,7 @@ module symsde_diagnose_sweep_sweeper
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
    use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
+   use symsde_base_status, only: stopped
    use symsde_diagnose_sweep_path_function, only: path_function
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_model_abstract, only: model_type
@@ -25,7 +26,7 @@ module symsde_diagnose_sweep_sweeper
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: sweep_plan, sweep_observer, numbers_of_step, rest
+   public :: sweep_plan, sweep_observer, numbers_of_step, rest, end_if_stopped
 
    integer, parameter :: rest = 64   !! no part of a step is left over at multiples of so many steps after a saved time,
                                      !! wherever pieces end: a path has the same bits in any pieces
@@ -219,7 +220,7 @@ contains
       type(step_record) :: step
       real(wp), allocatable :: vq(:, :, :), vp(:, :, :), logs(:, :)
       integer(i8) :: n
-      integer :: j, k, m, lane
+      integer :: j, k, m
 
       associate (plan => self%plan, ndof => self%plan%model%traits%ndof, nwide => self%plan%wide%traits%ndof, &
                  a => self%offset + 1, b => self%offset + self%nreal)
@@ -242,10 +243,6 @@ contains
          plan%v(a:b, :ndof, :) = vq(:self%nreal, :ndof, :)
          plan%v(a:b, ndof + 1:, :) = vp(:self%nreal, :, :)
          plan%logs(a:b, :) = logs(:self%nreal, :)
-         do lane = 1, self%nreal
-            plan%last_q(self%offset + lane, :) = self%q(lane, :, plan%nstep)
-            plan%last_p(self%offset + lane, :) = self%p(lane, :, plan%nstep)
-         end do
       end associate
    end subroutine go_forth
 
@@ -372,28 +369,56 @@ contains
    subroutine end_block(self, state)
       class(sweep_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
-      real(wp) :: nan
       integer :: lane
 
-      nan = ieee_value(1.0_wp, ieee_quiet_nan)
       associate (plan => self%plan)
          do lane = 1, self%nreal
             associate (path => self%offset + lane)
                if (state%status(lane) /= 0) plan%status(path) = int(state%status(lane), i4)
                plan%failed_step(path) = state%failed_step(lane)
-               if (plan%status(path) == 0) cycle
-               if (associated(plan%v)) then
-                  plan%v(path, :, :) = nan
-                  if (associated(plan%logs)) plan%logs(path, :) = nan
-               else
-                  plan%value(path) = nan
-                  plan%u(path, :) = nan
-                  plan%c(path, :) = nan
-               end if
+               if (plan%status(path) /= 0) call forget(plan, path)
+               if (.not. associated(plan%v)) cycle
+               plan%last_q(path, :) = state%q(lane, :)
+               plan%last_p(path, :) = state%p(lane, :)
             end associate
          end do
       end associate
    end subroutine end_block
+
+   !> NaN in the results of a path.
+   subroutine forget(plan, path)
+      type(sweep_plan), intent(inout) :: plan
+      integer(i8), intent(in) :: path
+      real(wp) :: nan
+
+      nan = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (associated(plan%v)) then
+         plan%v(path, :, :) = nan
+         plan%logs(path, :) = nan
+      else
+         plan%value(path) = nan
+         plan%u(path, :) = nan
+         plan%c(path, :) = nan
+      end if
+   end subroutine forget
+
+   !> End a run that was stopped in a piece: no path has results, and paths that are ok are stopped, too. A further
+   !> piece would resume them.
+   subroutine end_if_stopped(plan, next, nstopped)
+      type(sweep_plan), intent(inout) :: plan
+      integer(i8), intent(in) :: next             !! step behind the piece
+      integer(i8), intent(inout) :: nstopped      !! number of stopped paths
+      integer(i8) :: path
+
+      if (.not. any(plan%status == stopped)) return
+      do path = 1, size(plan%status)
+         call forget(plan, path)
+         if (plan%status(path) /= 0) cycle
+         plan%status(path) = stopped
+         plan%failed_step(path) = next
+      end do
+      nstopped = count(plan%status == stopped)
+   end subroutine end_if_stopped
 
    real(wp) function numbers(self, npath, nthread)
       class(sweep_observer), intent(in) :: self

@@ -7,18 +7,16 @@
 !> A long run is cut into pieces, of which each thread keeps the steps of its block; every step is taken once.
 module symsde_diagnose_sweep_tangent
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_status, only: error_type
-   use symsde_diagnose_sweep_gradient, only: require_plain, steps_at_once
-   use symsde_diagnose_sweep_sweeper, only: sweep_plan, sweep_observer, rest
+   use symsde_base_status, only: error_type, stopped
+   use symsde_diagnose_sweep_gradient, only: resolve_linear, steps_at_once
+   use symsde_diagnose_sweep_sweeper, only: sweep_plan, sweep_observer, end_if_stopped
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type, tell_warnings
-   use symsde_ensemble_options, only: run_options, check_options, steppers_of
+   use symsde_ensemble_options, only: run_options
    use symsde_ensemble_run_driver, only: ensemble_type, new_ensemble
    use symsde_ensemble_run_report, only: run_report
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_factory, only: resolve_task
-   use symsde_step_linear_choice, only: require_linear
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
@@ -57,12 +55,7 @@ contains
       real(wp), pointer, contiguous :: given(:, :, :)
       integer(i8) :: most, begun, many
 
-      if (allocated(error)) return
-      call check_options(options, error)
-      if (allocated(error)) return
-      call resolve_task(task, model, scheme, steppers_of(options), error)
-      call require_linear(task, wide, error)
-      call require_plain(options, size(theta, 1, i8), size(theta, 2), wide%traits%ndof - model%traits%ndof, error)
+      call resolve_linear(task, model, wide, scheme, options, theta, error)
       if (allocated(error)) return
       logs = 0
       status = 0
@@ -74,7 +67,7 @@ contains
                         total=options%nstep, theta=theta, v=v, turn=turn, logs=logs, last_q=last_q, last_p=last_p, &
                         status=status, failed_step=failed_step)
       observer%plan => plan
-      most = steps_at_once(options, model, plan%asked)/rest*rest   ! a multiple of `rest`
+      most = steps_at_once(options, model, plan%asked)
       many = 2_i8**max(0, options%refine)   ! rows of increments of a step
       each = options
       each%save_every = 1
@@ -98,6 +91,8 @@ contains
          call ensemble%drive(start, observer, error, given, teller)
          begun = begun + plan%nstep
          if (begun >= options%nstep) exit
+         call end_if_stopped(plan, options%first_step + begun, ensemble%report%nstopped)
+         if (any(status == stopped)) exit
          start%q => last_q
          start%p => last_p
       end do

@@ -50,6 +50,7 @@ module symsde_step_linear_tableau
       real(wp), allocatable :: slope(:, :, :, :)  !! F and G (nlane, 2 ndof, nstage, npart)
       real(wp), allocatable, dimension(:, :, :, :, :) :: hqq, hqp, hpp   !! (nlane, nwide, nwide, nstage, npart)
       real(wp), allocatable :: matrix(:, :, :), x(:, :)   !! system: (nlane, m, m), (nlane, m), m = 2 ndof nstage
+      real(wp), allocatable :: transposed(:, :, :)   !! the matrix for tangent vectors (nlane, m, m)
       real(wp), allocatable, dimension(:, :) :: dq, dp, mq, mp   !! (nlane, ndof)
    contains
       procedure :: back
@@ -174,21 +175,20 @@ contains
       integer, intent(in) :: m
       real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
       integer(i8), intent(inout) :: status(self%nlane)
-      real(wp), allocatable :: transposed(:, :, :)
       logical :: active(self%nlane)
       integer :: j, column, part, at
 
       call linearise(self, step, q0, p0, q1, p1, status)
       call set_up(self)
-      allocate (transposed(size(self%matrix, 1), size(self%matrix, 2), size(self%matrix, 2)))
+      if (.not. allocated(self%transposed)) allocate (self%transposed, mold=self%matrix)
       do j = 1, size(self%matrix, 2)
-         transposed(:, :, j) = self%matrix(:, j, :)
+         self%transposed(:, :, j) = self%matrix(:, j, :)
       end do
       associate (n => self%ndof, decays => self%decays)
          do column = 1, m
             call load_tangents(self, vq(:, :, column), vp(:, :, column))
             active = status == 0
-            call self%solver%solve(transposed, self%x, active, status)
+            call self%solver%solve(self%transposed, self%x, active, status)
             do j = 1, n
                vp(:, j, column) = (1 + decays%loss(j))*vp(:, j, column)
             end do
