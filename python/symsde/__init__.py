@@ -42,6 +42,7 @@ from .model.thermostat import thermostat
 from .native.build import build_info
 from .native.callbacks import numba_signature, numba_sincos
 from .native.handles import status_text
+from .run.fit import Fit, fit
 from .run.gradient import Gradient, gradient
 from .run.moments import Moments, moments
 from .run.prepared import PreparedRun, prepare
@@ -83,6 +84,7 @@ __all__ = [
     "BudgetWarning",
     "Commutator",
     "Convergence",
+    "Fit",
     "FormulaModel",
     "Gradient",
     "LevelSampler",
@@ -114,6 +116,7 @@ __all__ = [
     "ensemble",
     "errors",
     "expect",
+    "fit",
     "gradient",
     "increments",
     "level_sampler",

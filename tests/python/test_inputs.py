@@ -143,6 +143,21 @@ OWN = {
         {"paths": PATHS, "wrt": ["a", "q0"], "common_noise": (1,), "truncation": (8, 4.0)},
         {"paths": PATHS, "wrt": ["p0"], "increments": INCREMENTS[::2]},
     ],
+    "fit": [
+        {
+            **ONE_STATE,
+            "data": {"q": np.array([1.0, 0.9])},
+            "wrt": ["a"],
+            "t": np.array([0.05, 0.15]),
+            "errors": np.array([0.1, 0.2]),
+            "bounds": {"a": [0.5, 2.0]},
+            "tolerance": 1e-6,
+            "max_evaluations": 4,
+            "paths": PATHS,
+            "common_noise": (1,),
+            "truncation": (8, 4.0),
+        }
+    ],
     "tangent": [{"paths": PATHS, "wrt": ["a"], "common_noise": (1,), "truncation": (8, 4.0)}],
     "lyapunov": [{"paths": PATHS, "count": 2, "common_noise": (1,), "truncation": (8, 4.0)}],
     "prepare": [

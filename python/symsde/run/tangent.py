@@ -102,7 +102,7 @@ def tangent(
     wide, positions = wide_model(model, known)
     n = model.ndof
     start = np.concatenate((np.eye(2 * n), np.zeros((len(positions), 2 * n))))
-    found = _found(setup, (wide, positions), start, progress=progress)
+    found = take_vectors(setup, (wide, positions), start, progress=progress)
     matrix, rows = found.v[: 2 * n], found.v[2 * n :]
     return Tangent(
         matrix=np.ascontiguousarray(np.moveaxis(matrix, 0, 1)),
@@ -153,7 +153,7 @@ def lyapunov(
     start = np.zeros((count, 2 * model.ndof))
     for k in range(count):  # p_1, q_1, p_2, q_2, ..: the first two span a plane that the flow turns
         start[k, k // 2 + (model.ndof if k % 2 == 0 else 0)] = 1
-    found = _found(setup, wide, start, turn=_TURN, progress=progress)
+    found = take_vectors(setup, wide, start, turn=_TURN, progress=progress)
     by_path = found.logs / (abs(setup.options.step) * setup.options.steps)
     ok = found.status == 0
     share = 1 - np.count_nonzero(ok) / ok.size
@@ -194,10 +194,10 @@ class _Found:
     report: abi.Report
 
 
-def _found(
+def take_vectors(
     setup: Setup, wide: tuple[Model, list[str]], start: np.ndarray, *, turn: int = 0, progress: Progress
 ) -> _Found:
-    """Take these vectors, (vector, 2 dof), through all paths."""
+    """Take these vectors, (vector, 2 dof) of all paths or (vector, 2 dof, path), through all paths."""
     wide, positions = wide
     n, paths, many = setup.model.ndof, setup.paths, len(start)
     checks.room((2 * many + 1, 2 * n, paths), "tangent vectors of each path")
@@ -210,7 +210,7 @@ def _found(
             size = part.stop - part.start
             here = setup if size == paths else part_of(setup, part)
             theta = values_of(setup.model, positions, part)
-            own = np.repeat(start[:, :, np.newaxis], size, axis=2)
+            own = np.repeat(start[:, :, np.newaxis], size, axis=2) if start.ndim == 2 else start[..., part].copy()
             out = [np.empty((*x.shape[:-1], size), x.dtype) for x in (logs, q, p, status, failed_step)]
             report, handle = handles.new(abi.Report, "report"), wide._handles.take()
             try:

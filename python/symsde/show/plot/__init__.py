@@ -30,6 +30,11 @@ def sweep(title: str, labels: tuple[str, str], curves: list[tuple], where: tuple
     return draw.finish(*draw.of_sweep(title, labels, curves), *where)
 
 
+def fit(title: str, t, rows: list[tuple], where: tuple):
+    """A figure of fitted data; rows: (name, data, their errors, fitted, its errors)."""
+    return draw.finish(*draw.of_fit(title, t, rows), *where)
+
+
 def observed(found, where: tuple, at: int = -1):
     """A figure of an observer's results."""
     return draw.finish(*draw.of_observed(found, at), *where)

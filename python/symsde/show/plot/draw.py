@@ -252,6 +252,20 @@ def of_sweep(title: str, labels: tuple[str, str], curves: Sequence[tuple]) -> tu
     return [_curves(labels[0], f"mean {labels[1]}", drawn)], f"{title}; band: two standard errors"
 
 
+def of_fit(title: str, t: np.ndarray, rows: Sequence[tuple]) -> tuple[list[Callable], str]:
+    """Panels and title: a fitted curve with its band, and the data, for each name."""
+
+    def panel(axes: Any, row: tuple) -> None:
+        name, data, errors, fitted, band = row
+        there = np.isfinite(data)
+        _curves("t", name, [Curve("fitted", t[there], fitted[there], band[there])])(axes)
+        whiskers = {"color": look.BLACK, "linestyle": "", "marker": "o", "markersize": 3, "elinewidth": 0.7}
+        axes.errorbar(t[there], data[there], 2 * errors[there], label="data", **whiskers)
+        axes.legend()
+
+    return [functools.partial(panel, row=row) for row in rows], f"{title}; two standard errors"
+
+
 def _all_of(values: Values) -> list[str]:
     """Each coordinate followed by its momentum, then the energy and observables."""
     pairs = [name for i in _few(values.ndof) for name in (values.q[i], values.p[i])]
