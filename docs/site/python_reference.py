@@ -72,6 +72,7 @@ def _entry(name):
     if isinstance(thing, type):
         kind = "exception" if issubclass(thing, BaseException) else "class"
     more = "\n   :members:" if kind == "class" else ""
+    more += "\n   :inherited-members:" if name == "Model" else ""
     if name in INTERNAL:
         more += f"\n   :exclude-members: {', '.join(INTERNAL[name])}"
     return _block(f".. auto{kind}:: symsde.{name}{more}\n")

@@ -36,9 +36,10 @@ from .errors import (
     SymsdeError,
 )
 from .model.commutator import Commutator, commutator
-from .model.definition import Model, Traits
+from .model.definition import Model
 from .model.formulas import FormulaModel, model_from_sympy
 from .model.thermostat import thermostat
+from .model.traits import Traits
 from .native.build import build_info
 from .native.callbacks import numba_signature, numba_sincos
 from .native.handles import status_text

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from ..model.definition import FLAGS
 from ..model.formulas import emit_flow
+from ..model.traits import FLAGS
 from .expressions import wrapped
 from .given import Given, columns, equal, harmless, supports
 

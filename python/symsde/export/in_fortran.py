@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from ..errors import InvalidArgumentError
-from ..model.definition import FLAGS
 from ..model.formulas.emit_c import VECTORS
+from ..model.traits import FLAGS
 from . import sites_in_fortran
 from .expressions import Expressions, called, wrapped
 from .given import Given, columns, equal, supports

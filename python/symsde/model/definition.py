@@ -5,75 +5,27 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import itertools
 import types
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from ..errors import IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError, WrongTypeError
-from ..native import abi, checks, handles
-from ..native import callbacks as _callbacks
+from ..errors import IncompatibleError, SymsdeError, WrongShapeError, WrongTypeError
+from ..native import abi, callbacks, checks, handles
 from ..native.signals import held
 from ..show import html
-from . import built_in
-from .forces import Forces, handle_with
+from . import built_in, user_handles
+from .forces import given_forces
 from .named import require_names
-from .rates import Rates, rates_of
-from .rates import handle_with as handle_with_rates
+from .open_system import OpenSystem, copied, damped_again, forced_again
+from .traits import FLAGS, Traits, arguments, declared, of_library
 
-#: traits that are true or false; each names a property of the Hamiltonians
-FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass", "diagonal_mass")
-#: one rate [1/time] for each degree of freedom, rows of a matrix of friction [mass/time], or functions
-Damping = tuple[float, ...] | tuple[tuple[float, ...], ...] | Rates
 #: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
 HAMILTONIANS: dict[str, Sequence[str]] = {}
-_KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
 
 
-@dataclass(frozen=True)
-class Traits:
-    """Properties that a model declares of its Hamiltonians H_0 = H, H_1 .. H_m; they decide what is skipped."""
-
-    ndof: int  #: degrees of freedom
-    nnoise: int  #: number m of noises
-    separable: bool  #: every H_j = T_j(p) + U_j(q)
-    additive: bool  #: every H_k, k >= 1, is linear in (q, p)
-    position_noise: bool  #: every H_k, k >= 1, depends on q alone
-    quadratic: bool  #: every H_j is a polynomial of degree two at most
-    identity_mass: bool  #: H = p.p/2 + U(q)
-    constant_mass: bool  #: H = p.M^-1 p/2 + U(q) with a constant matrix M
-    diagonal_mass: bool  #: this matrix is diagonal
-    bandwidth: int | None  #: bandwidth of every block of the Hessian; None = dense
-    max_frequency: float  #: bound of the frequencies of H; 0 = not declared
-    noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
-    #: frequencies omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q); None = not declared
-    rotation: tuple[float, ...] | None
-    silent: tuple[int, ...]  #: noises k whose H_k is zero: nothing is drawn for them
-    #: for each noise the degrees of freedom i = 1 .. ndof of which q_i or p_i occur in H_k; None = not declared
-    touches: tuple[tuple[int, ...], ...] | None
-    has_value: bool  #: the Hamiltonians can be evaluated
-    has_hessian: bool  #: Hessians are analytic
-    has_hessian_vector: bool  #: products of Hessian and vector are analytic
-
-    @property
-    def kicked(self) -> bool:
-        """Whether the noise depends on position and the mass is constant, as schemes of drifts and kicks need."""
-        return self.position_noise and (self.identity_mass or self.constant_mass)
-
-
-class ModelHandle(handles.Handle):
-    """A handle of a model, and the exceptions of the callbacks of its calls."""
-
-    def __init__(self, pointer: ctypes.c_void_p, keep_alive: object, failures: _callbacks.Failures):
-        """Own the handle `pointer`."""
-        super().__init__("model", pointer, keep_alive)
-        self.failures = failures
-
-
-class Model:
+class Model(OpenSystem):
     """A stochastic Hamiltonian system of your own (Stratonovich). All quantities are dimensionless.
 
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
@@ -133,13 +85,6 @@ class Model:
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Set by models of
     #: formulas
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
-    _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
-    _forces: Forces = Forces()  #: what acts beside the Hamiltonians
-    _fluctuating: bool = False  #: whether thermostat found its friction from its noises, for these values alone
-    _derives_bath: bool = False  #: whether that friction is a formula, which holds for other values, too
-    _unforced: Model | None = None  #: for a model with forces the same model without them
-    _closed: Model | None = None  #: for a damped model the same model without damping
-    _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
     _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
     _hamiltonians: Sequence[str] = ()  #: texts "H = ..", "H_1 = .." if they are known
 
@@ -184,29 +129,12 @@ class Model:
         name: str = "user",
     ):
         """Make the model; see the class for the arguments."""
-        declared = {
-            "separable": separable,
-            "additive": additive,
-            "position_noise": position_noise,
-            "quadratic": quadratic,
-            "identity_mass": identity_mass,
-            "constant_mass": constant_mass,
-            "diagonal_mass": diagonal_mass,
-        }
-        traits = handles.new(abi.Traits, "traits")
-        traits.ndof = checks.integer("ndof", ndof, checks.INT32)
-        traits.nnoise = checks.integer("nnoise", nnoise, checks.INT32)
-        traits.bandwidth = -1 if bandwidth is None else checks.integer("bandwidth", bandwidth, checks.INT32)
-        traits.max_frequency = checks.number("max_frequency", max_frequency)
-        traits.noise_lipschitz = checks.number("noise_lipschitz", noise_lipschitz)
-        frequencies = _frequencies(rotation, traits.ndof)  # referenced until the library has copied them
-        traits.rotation = frequencies
-        flags = _silent(silent, traits.nnoise)
-        traits.silent = flags
-        supports = _supports(touches, traits.nnoise, traits.ndof)
-        traits.touches_from, traits.touches = supports
-        for trait, given in declared.items():
-            setattr(traits, trait, checks.flag(trait, given))
+        traits = declared(
+            ndof=ndof, nnoise=nnoise, bandwidth=bandwidth, max_frequency=max_frequency,
+            noise_lipschitz=noise_lipschitz, rotation=rotation, silent=silent, touches=touches,
+            separable=separable, additive=additive, position_noise=position_noise, quadratic=quadratic,
+            identity_mass=identity_mass, constant_mass=constant_mass, diagonal_mass=diagonal_mass,
+        )  # fmt: skip
         functions = {
             "gradient": gradient,
             "value": value,
@@ -216,31 +144,31 @@ class Model:
             "third_derivative": third_derivative,
             "chain_rows": chain_rows,
         }
-        kinds = _kinds(functions)
+        kinds = user_handles.kinds_of(functions)
         self.in_python = "Python" in kinds  #: whether some callback is a Python function
-        flows = _checked_flows(flows)
+        flows = user_handles.checked_flows(flows)
         kinds |= {"compiled"} if flows else set()
         if any_lanes is None:
-            any_lanes = _callbacks.takes_any_lanes([*functions.values(), *flows.values()])
+            any_lanes = callbacks.takes_any_lanes([*functions.values(), *flows.values()])
         any_lanes = checks.flag("any_lanes", any_lanes) and "Python" not in kinds
         derived = checks.flag("derived", derived)
-        given = {**functions, **_public(traits), "derived": derived, "name": name}
+        given = {**functions, **arguments(traits), "derived": derived, "name": name}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
         accepts_null = checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
-        make = functools.partial(_user_handle, checks.name_of("name", name), traits, functions, accepts_null)
+        make = functools.partial(user_handles.of_user, checks.name_of("name", name), traits, functions, accepts_null)
         if flows or any_lanes:
-            make = functools.partial(_with_flows, make, flows, any_lanes)
+            make = functools.partial(user_handles.with_flows, make, flows, any_lanes)
         if derived:
-            make = functools.partial(_derived, make)
+            make = functools.partial(user_handles.derived, make)
         self._adopt(make, name, {})
-        forces = _forces(
+        forces = given_forces(
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
             force_bandwidth,
         )  # fmt: skip
         if forces:
-            self._force(_copied(self), forces)
+            self._force(copied(self), forces)
         if damping is not None:
-            self._damp(_copied(self), damping, allow_gain=False)
+            self._damp(copied(self), damping, allow_gain=False)
 
     @classmethod
     def builtin(cls, name: str, parameters: Mapping[str, Any]) -> Model:
@@ -252,7 +180,7 @@ class Model:
         self = cls.__new__(cls)
         self.in_python = False
         self._remade = (Model.builtin, (name, known))
-        self._adopt(functools.partial(_builtin_handle, checks.name_of("name", name), known), name, known)
+        self._adopt(functools.partial(user_handles.builtin, checks.name_of("name", name), known), name, known)
         self._hamiltonians = HAMILTONIANS.get(name, ())
         return self
 
@@ -266,7 +194,7 @@ class Model:
         self._handles = handles.Pool(make)
         self.name: str = name
         self._parameters: dict[str, float] = parameters
-        self.traits: Traits = self._read_traits()
+        self.traits = self._read_traits()
 
     def with_parameters(self, **values: Any) -> Model:
         """The same model with other values of some parameters: numbers, or arrays (path,) with one for each path.
@@ -286,189 +214,15 @@ class Model:
             made = made._with_forces(self._forces)
         return made.damped(self.damping, allow_gain=True) if self.damping else made
 
-    def _require_own_friction(self) -> None:
-        """Refuse to change parameters if the friction was computed from the noises and masses of the present ones."""
-        if self._fluctuating:
-            raise IncompatibleError(
-                f"the friction of model {self.name} belongs to its noises and masses, and so to these parameters: "
-                "change the parameters of the model without friction, then call thermostat"
-            )
-
-    @property
-    def damping(self) -> Damping:
-        """Rates gamma_i of the momenta [1/time], one for each degree of freedom, or rows of a matrix of friction on
-        velocities [mass/time], or `Rates` that are functions; () for a closed system."""
-        return self._damping
-
-    def damped(self, damping, *, allow_gain: bool = False, each: bool = False) -> Self:
-        """The same model with damped momenta: dp_i = -H_q dt - gamma_i p_i dt - sum_k H_{k,q} o dW_k.
-
-        It is the force F = -gamma p of the paper, [WHSB] (9)-(17). damping: one rate gamma [1/time] for all degrees of
-        freedom, or rates (dof,). They multiply p and not velocities: with H = p.M^-1 p/2 + U the friction on q' is
-        gamma_i m_i, and where H has other terms in p, it is no friction on velocities at all. A rate of zero damps
-        nothing, and all zero give the closed model. A negative rate feeds energy in and needs allow_gain.
-
-        Friction on velocities is a symmetric matrix Gamma (dof, dof) [mass/time], dp = .. - Gamma M^-1 p dt, for models
-        with H = p.M^-1 p/2 + U and a constant M (`identity_mass` or `constant_mass`); rates g_i are diag(g_i m_i). Its
-        eigenvalues must not be negative without allow_gain. It shrinks volume by exp(-h tr Gamma M^-1), and no dp ^ dq
-        as a whole.
-
-        Rates that change are a function of (q, t), of (q) or of (t), by these names, with q of shape (dof, lane). It
-        returns (lane,), one rate for all momenta, or with each=True (dof, lane). Models from formulas take formulas,
-        "g0*(1 + q**2)" or a list with one for each momentum, and a compiled function has the signature symsde_damping
-        of symsde.h. A path fails where a rate is negative without allow_gain. A step shrinks dp ^ dq by
-        exp(-int gamma dt) where gamma depends on time alone, and otherwise volume by a factor that depends on the path.
-
-        With one rate a step multiplies dp ^ dq by exp(-gamma h), to rounding, for every increment: it is conformally
-        symplectic, and `diagnose.symplecticity` measures the distance from that factor. Runs take tableaux (midpoint,
-        gauss2, stormer_verlet ..; of several stages between two half decays where the damping is a matrix or a
-        function, with order two without noise) and free drifts with kicks (gauss_dkdkd, verlet_kdk, chin4a and their
-        _strong2). Other schemes, brackets of H, exact solutions and actions are refused (IncompatibleError).
-        """
-        closed = self._closed or self
-        other = _copied(closed)
-        other._bath = ()  # another friction is that of no bath, or of another one
-        other._damp(closed, damping, checks.flag("allow_gain", allow_gain), each)
-        return other if other.damping else closed
-
-    @property
-    def _kicked(self) -> bool:
-        """Whether drifts and kicks fit: their traits, and forces of positions alone."""
-        return self.traits.kicked and self._forces.in_position
-
-    @property
-    def _noise_commutes(self) -> bool:
-        """Whether the fields of all noises commute, by what is declared of them and of their forces."""
-        if self.nnoise < 2:
-            return True
-        if self._forces.noise_force is not None:
-            return self.traits.position_noise and self._forces.noise_force_in_position
-        return self.traits.additive or self.traits.position_noise
-
-    @property
-    def has_friction(self) -> bool:
-        """Whether `damping` is a matrix of friction on velocities."""
-        return isinstance(self._damping, tuple) and bool(self._damping) and isinstance(self._damping[0], tuple)
-
-    def _damped_from(self, _rates: np.ndarray) -> Callable[[], ModelHandle]:
-        """The function that makes the handles to be damped by these rates."""
-        return self._handles.made
-
-    @property
-    def _varying(self) -> Rates | None:
-        """Rates that are functions, if there are any."""
-        return self._damping if isinstance(self._damping, Rates) else None
-
-    def _told_damping(self) -> Any:
-        """Damping in types of JSON."""
-        return self._varying.told() if self._varying else self._damping
-
-    def _damp(self, closed: Model, damping, allow_gain: bool, each: bool = False) -> None:
-        """Turn this model into the damped form of a closed model."""
-        if (varying := rates_of(damping, each, allow_gain, self.ndof)) is not None:
-            self._handles = handles.Pool(functools.partial(handle_with_rates, closed._handles.made, varying, self.ndof))
-            self._damping, self._closed = varying, closed
-            self.in_python = self.in_python or varying.in_python
-            return
-        rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change it
-        if rates.shape not in ((1,), (self.ndof,), (self.ndof, self.ndof)):
-            raise WrongShapeError(
-                f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p, or "
-                f"({self.ndof}, {self.ndof}), a symmetric matrix of friction on velocities"
-            )
-        if rates.ndim == 2 and closed.paths:
-            _require_one_mass(closed)
-        self._handles = handles.Pool(functools.partial(_damped_handle, closed._damped_from(rates), rates, allow_gain))
-        if rates.ndim == 2:
-            self._damping = tuple(tuple(map(float, row)) for row in rates) if rates.any() else ()
-        else:
-            self._damping = tuple(float(x) for x in np.broadcast_to(rates, self.ndof)) if rates.any() else ()
-        self._closed = closed if self._damping else None
-
-    @checks.hinted()
-    def forced(
-        self,
-        force: Any = None,
-        *,
-        force_derivative: Any = None,
-        noise_force: Any = None,
-        noise_force_derivative: Any = None,
-        position_force: bool = False,
-        position_noise_force: bool = False,
-        force_bandwidth: int | None = None,
-    ) -> Self:
-        """The same model with forces beside its Hamiltonians, in place of those that it has:
-
-            dq = H_p dt + sum_k H_{k,p} o dW_k,    dp = (-H_q + F) dt + sum_k (-H_{k,q} + f_k) o dW_k
-
-        - force: F(q, p, t), momentum/time (dof, lane) from q and p (dof, lane). Its work is F.dq, [WHSB] (9)-(17)
-        - noise_force: f(q, p, t), (noise, dof, lane), whose row k goes with dW_k. Noises may have H_k = 0
-        - force_derivative, noise_force_derivative: two arrays, derivatives by q and by p, (dof, dof, lane) or (noise,
-          dof, dof, lane); [.., j, i, :] is that of component i by q_j or p_j. Without them Newton's iteration takes
-          differences
-        - force_bandwidth: b, where no component i of a force depends on q_j or p_j with |i - j| > b, as 0 for drag on
-          each degree of freedom. Implicit steps of chains then solve equations with bands, as they do without forces
-        - position_force, position_noise_force: whether F, and every f_k, depend on q and t alone; then separable models
-          keep their explicit schemes
-
-        Compiled functions (``numba_signature('force')``, symsde.h) write w[0] F, or the sum of w[k] f_k, instead. Steps
-        obey the discrete Lagrange-d'Alembert principle: they are the scheme's own with -Hhat_q + h F + sum_k dW_k f_k
-        in place of -Hhat_q. Tableaux execute them (midpoint, gauss2, symplectic_euler, stormer_verlet ..), with strong
-        order 1 where the noises' fields commute. Schemes of kicks, brackets, areas under forces f_k, and exact
-        solutions are refused (IncompatibleError). For F = -gamma p take `damped`, whose steps keep the exact factor.
-        """
-        forces = _forces(
-            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
-            force_bandwidth,
-        )  # fmt: skip
-        return self._with_forces(forces)
-
-    def _rubbed_by_noises(self, beta: float) -> Model:
-        """The model with the force -beta/2 sum_k H_k,q (H_k,q . H_p) of its noises in position, a friction.
-
-        Then exp(-beta H) is stationary: d(q, p) = X_H dt - beta/2 sum_k {H, H_k} X_k dt + sum_k X_k o dW_k.
-        """
-        return self.forced(_FrictionOfNoises(self, beta))
-
-    def _with_forces(self, forces: Forces) -> Self:
-        """The same model with these forces in place of those that it has."""
-        undamped = self._closed or self
-        free = undamped._unforced or undamped
-        other = free
-        if forces:
-            other = _copied(free)
-            other._force(free, forces)
-        if not self.damping:
-            return other
-        other = other.damped(self._asked, allow_gain=True)
-        return other._in_bath(self._bath, self._fluctuating) if self._bath else other
-
-    def _in_bath(self, beta: tuple[float, ...], fluctuating: bool) -> Self:
-        """This new model, with what is known of the bath that its friction and noises are."""
-        self._bath, self._fluctuating = beta, fluctuating
-        return self
-
-    @property
-    def _asked(self) -> np.ndarray | Rates:
-        """What was asked for as damping."""
-        return self._varying or np.array(self.damping or (0.0,))
-
-    def _force(self, free: Model, forces: Forces) -> None:
-        """Be the form of a model on which forces act."""
-        self._handles = handles.Pool(functools.partial(handle_with, free._handles.made, forces, free.nnoise))
-        self._forces, self._unforced = forces, free
-        self.in_python = self.in_python or forces.in_python
-        self.traits = self._read_traits()
-
     def __reduce__(self) -> tuple:
         """Pickle as the arguments: another process makes the model again, if it finds the functions by name."""
         if self._closed is not None:
             if self._varying:
                 require_names(self.name, [self._varying.function])
-            return _damped_again, (self._closed, self._damping, self._bath, self._fluctuating)
+            return damped_again, (self._closed, self._damping, self._bath, self._fluctuating)
         if self._unforced is not None and self._remade is self._unforced._remade:  # not those of formulas
             require_names(self.name, self._forces.functions().values())
-            return _forced_again, (self._unforced, self._forces, self._bath, self._fluctuating)
+            return forced_again, (self._unforced, self._forces, self._bath, self._fluctuating)
         if self._remade is None:
             raise WrongTypeError(
                 f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
@@ -478,6 +232,11 @@ class Model:
             require_names(self.name, given.values())
         return self._remade
 
+    def _read_traits(self) -> Traits:
+        given = handles.new(abi.Traits, "traits")
+        self.call("model_traits", ctypes.byref(given))
+        return of_library(given)
+
     def __copy__(self) -> Model:
         """A model never changes: a copy is the model itself."""
         return self
@@ -485,22 +244,6 @@ class Model:
     def __deepcopy__(self, _memo: dict) -> Model:
         """A model never changes: a copy is the model itself."""
         return self
-
-    def _read_traits(self) -> Traits:
-        given = handles.new(abi.Traits, "traits")
-        self.call("model_traits", ctypes.byref(given))
-        flags = {name: bool(getattr(given, name)) for name in (*FLAGS, *_KNOWN)}
-        return Traits(
-            ndof=given.ndof,
-            nnoise=given.nnoise,
-            bandwidth=None if given.bandwidth < 0 else given.bandwidth,
-            max_frequency=given.max_frequency,
-            noise_lipschitz=given.noise_lipschitz,
-            rotation=tuple(given.rotation[: given.ndof]) if given.rotation else None,
-            silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
-            touches=_lists_of(given),
-            **flags,
-        )
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -618,77 +361,6 @@ class Model:
         return q, p, checks.full(w, npath), npath
 
 
-def _copied(model: Model) -> Model:
-    """The same model as another object, with the same handles."""
-    other = object.__new__(type(model))
-    other.__dict__.update(model.__dict__)
-    return other
-
-
-def _forces(force, derivative, noise_force, noise_derivative, *declared) -> Forces:
-    """Forces from the arguments of `Model.forced`."""
-    *in_position, bandwidth = declared
-    flags = (checks.flag(x, y) for x, y in zip(("position_force", "position_noise_force"), in_position, strict=True))
-    if bandwidth is not None:
-        bandwidth = checks.integer("force_bandwidth", bandwidth, checks.INT32)
-        if bandwidth < 0:
-            raise InvalidArgumentError(
-                f"force_bandwidth = {bandwidth}: give the largest |i - j| of q_j or p_j on which a component i of a "
-                "force depends, or nothing"
-            )
-    return Forces(force, derivative, noise_force, noise_derivative, *flags, bandwidth)
-
-
-def _require_one_mass(model: Model) -> None:
-    """Refuse a matrix of friction where masses go by path: the library has one matrix Gamma M^-1 for all paths."""
-    origin = np.zeros((model.ndof, model.paths))
-    for unit in np.eye(model.ndof):
-        velocity = model.gradient(origin, origin + unit[:, np.newaxis])[1]
-        if np.any(velocity != velocity[:, :1]):
-            raise IncompatibleError(
-                f"masses of model {model.name} differ from path to path, and a matrix of friction needs one mass for "
-                "all paths: give rates, or a model for each mass"
-            )
-
-
-@dataclass(frozen=True)
-class _FrictionOfNoises:
-    """A force of a model's own noises, which pickles where the model does."""
-
-    model: Model
-    beta: float
-
-    def __call__(self, q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
-        weights = np.eye(self.model.nnoise + 1)
-        velocity = self.model.gradient(q, p, weights[0], t)[1]
-        noises = (k for k in range(1, self.model.nnoise + 1) if k not in self.model.traits.silent)
-        gradients = (self.model.gradient(q, p, weights[k], t)[0] for k in noises)
-        return -self.beta / 2 * sum(g * (g * velocity).sum(axis=0) for g in gradients)
-
-
-def _forced_again(free: Model, forces: Forces, *bath: Any) -> Model:
-    """A model with forces from what pickle kept of it."""
-    other = _copied(free)
-    other._force(free, forces)
-    return other._in_bath(*bath)
-
-
-def _damped_again(closed: Model, rates: Damping, *bath: Any) -> Model:
-    """Make a damped model again from its pickle."""
-    return closed.damped(rates, allow_gain=True)._in_bath(*bath)
-
-
-def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gain: bool) -> ModelHandle:
-    """Make a handle of a model with damped momenta."""
-    handle = make()
-    given = (ctypes.c_double * rates.size)(*rates.flat)
-    if rates.ndim == 2:
-        handles.call("model_set_friction", handle.pointer, given, int(allow_gain))
-    else:
-        handles.call("model_set_damping", handle.pointer, rates.size, given, int(allow_gain))
-    return handle
-
-
 def fits_files(name: str) -> bool:
     """Whether a name is valid for columns and variables of files."""
     return bool(name) and name.isprintable() and not set("/#") & set(name) and name == name.strip()
@@ -717,173 +389,3 @@ def require_model(model: object) -> None:
         raise WrongTypeError(
             f"model = {checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
         )
-
-
-def _frequencies(rotation, ndof: int):
-    """One frequency for each degree of freedom as a C array, or None."""
-    if rotation is None:
-        return None
-    values = checks.real_array("rotation", rotation)
-    if values.shape != (ndof,):
-        raise WrongShapeError(f"rotation has shape {values.shape}: give ({ndof},), one frequency for each q_i")
-    return (ctypes.c_double * ndof)(*values)
-
-
-def _silent(silent, nnoise: int):
-    """Numbers k = 1 .. nnoise of noises as one flag for each in C, or None."""
-    several = checks.items(silent)
-    if several is None:
-        raise WrongTypeError(f"silent = {checks.shown(silent)} is no list: give numbers of noises, as in [1, 3]")
-    chosen = [checks.integer("silent", k) for k in several]
-    for k in chosen:
-        if not 1 <= k <= nnoise:
-            raise InvalidArgumentError(f"silent holds {k}: the noises are 1 to {nnoise}")
-    return (ctypes.c_int32 * nnoise)(*(k + 1 in chosen for k in range(nnoise))) if chosen else None
-
-
-def _supports(touches, nnoise: int, ndof: int):
-    """Lists of degrees of freedom 1 .. ndof, one for each noise, as two C arrays; None, None without them."""
-    if touches is None:
-        return None, None
-    several = checks.items(touches)
-    if several is not None and len(several) != nnoise:
-        raise WrongShapeError(f"touches has {len(several)} lists: give {nnoise}, one for each noise")
-    for x in several or ():
-        if (count := len(x) if isinstance(x, Sequence) else getattr(x, "size", 0)) > ndof:
-            raise WrongShapeError(f"touches has a list of {count} numbers: name each of {ndof} degrees of freedom once")
-    lists = [None] if several is None else [checks.items(x) for x in several]
-    if None in lists:
-        raise WrongTypeError(
-            f"touches = {checks.shown(touches)} is no list of lists: give for each noise the numbers of the degrees of "
-            "freedom that it touches, as in [[1], [2]]"
-        )
-    lists = [[checks.integer("touches", i) for i in several] for several in lists]
-    for i in (i for several in lists for i in several):
-        if not 1 <= i <= ndof:
-            raise InvalidArgumentError(f"touches holds {i}: the degrees of freedom are 1 to {ndof}")
-    places = np.cumsum([0, *map(len, lists)])
-    return (ctypes.c_int32 * (nnoise + 1))(*places), (ctypes.c_int32 * max(1, places[-1]))(*itertools.chain(*lists))
-
-
-def _lists_of(traits: abi.Traits) -> tuple[tuple[int, ...], ...] | None:
-    """What each noise touches, from the C arrays."""
-    if not traits.touches_from:
-        return None
-    places = traits.touches_from[: traits.nnoise + 1]
-    every = traits.touches[: places[-1]] if places[-1] else []
-    return tuple(tuple(every[a:b]) for a, b in itertools.pairwise(places))
-
-
-def _public(traits: abi.Traits) -> dict[str, Any]:
-    """Declared traits as the arguments of `Model`."""
-    given = {name: bool(getattr(traits, name)) for name in FLAGS}
-    given |= {name: getattr(traits, name) for name in ("ndof", "nnoise", "max_frequency", "noise_lipschitz")}
-    given["bandwidth"] = None if traits.bandwidth < 0 else traits.bandwidth
-    given["rotation"] = list(traits.rotation[: traits.ndof]) if traits.rotation else None
-    given["silent"] = [k + 1 for k in range(traits.nnoise) if traits.silent and traits.silent[k]]
-    given["touches"] = _lists_of(traits)
-    return given
-
-
-def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
-    """A handle of a built-in model."""
-    count = len(parameters)
-    keys = (ctypes.c_char_p * count)(*(handles.encode(key) for key in parameters))
-    values = (ctypes.c_double * count)(*parameters.values())
-    pointer = ctypes.c_void_p()
-    handles.call("model_get", handles.encode(name), count, keys, values, ctypes.byref(pointer))
-    return ModelHandle(pointer, None, _callbacks.Failures())
-
-
-def _user_handle(name: str, traits: abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
-    """A handle of a user's model, with callbacks that store their exceptions for this handle alone."""
-    failures = _callbacks.Failures()
-    (*callbacks, joint, third, rows), user = _all_callbacks(functions, failures)
-    pointer = ctypes.c_void_p()
-    handles.call("model_new", handles.encode(name), ctypes.byref(traits), *callbacks, user, ctypes.byref(pointer))
-    handle = ModelHandle(pointer, (callbacks, joint, third, rows, tuple(functions.values())), failures)
-    if joint:
-        handles.call("model_set_gradient_hessian", pointer, joint)
-    if third:
-        handles.call("model_set_third_derivative", pointer, third)
-    if rows:
-        handles.call("model_set_chain_rows", pointer, rows)
-    if accepts_null:
-        handles.call("model_accept_null", pointer)
-    return handle
-
-
-def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Check whole steps by scheme; functions that are not compiled are refused."""
-    given = checks.table("flows", {} if flows is None else flows)
-    for scheme, function in given.items():
-        if _callbacks.compiled("flow", function) is None:
-            raise WrongTypeError(
-                f"flows[{scheme!r}] = {checks.shown(function)} is not compiled: give a numba cfunc of "
-                "symsde.numba_signature('flow'), a ctypes function pointer or a LowLevelCallable"
-            )
-    return given
-
-
-def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lanes: bool) -> ModelHandle:
-    """A handle of a user's model that defines whole steps, or whose functions take any number of lanes."""
-    handle = make()
-    handle.flows = []  # must live as long as the handle
-    for scheme, function in flows.items():
-        callback, _ = _callbacks.compiled("flow", function)
-        handle.flows.append((callback, function))
-        handles.call("model_set_flow", handle.pointer, handles.encode(scheme), callback)
-    if any_lanes:
-        handles.call("model_accept_any_lanes", handle.pointer)
-    return handle
-
-
-def _derived(make: Callable[[], ModelHandle]) -> ModelHandle:
-    """A handle of a user's model that remembers which probes it passed."""
-    handle = make()
-    handles.call("model_set_derived", handle.pointer)
-    return handle
-
-
-def _kinds(functions: dict[str, Any]) -> set[str]:
-    """The kinds of functions, Python or compiled; refuses anything else."""
-    if functions["gradient"] is None:
-        raise WrongTypeError("gradient is None: give the gradient of the weighted sum of the Hamiltonians")
-    kinds = set()
-    for kind, function in functions.items():
-        if function is None:
-            continue
-        if _callbacks.compiled(kind, function) is not None:
-            kinds.add("compiled")
-        elif callable(function) and kind == "chain_rows":
-            raise WrongTypeError(
-                "chain_rows is a Python function: it would be called for every few rows of every iteration; "
-                "compile it, or leave it out"
-            )
-        elif callable(function):
-            checks.takes(kind, function, "t", "w", *_callbacks.VECTORS[kind])
-            kinds.add("Python")
-        else:
-            raise WrongTypeError(
-                f"{kind} = {checks.shown(function)} cannot be called: give a function, a numba cfunc, "
-                "a ctypes function pointer or a LowLevelCallable"
-            )
-    return kinds
-
-
-def _all_callbacks(functions: dict[str, Any], failures: _callbacks.Failures):
-    """Callbacks in the order of the C interface, and their user pointer."""
-    callbacks, users = [], set()
-    for kind, function in functions.items():
-        ready = None if function is None else _callbacks.compiled(kind, function)
-        if function is None:
-            callbacks.append(abi.CALLBACKS[kind]())
-        elif ready is not None:
-            callbacks.append(ready[0])
-            users.add(ready[1])
-        else:
-            callbacks.append(_callbacks.from_python(kind, function, failures))
-    users.discard(None)
-    if len(users) > 1:
-        raise IncompatibleError("the compiled functions have different user data: a model has room for one pointer")
-    return callbacks, (users.pop() if users else None)

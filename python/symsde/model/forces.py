@@ -73,6 +73,35 @@ class Forces:
             handles.call("model_set_force_bandwidth", handle.pointer, self.bandwidth)
 
 
+def given_forces(force, derivative, noise_force, noise_derivative, *declared) -> Forces:
+    """Forces from the arguments of `Model.forced`."""
+    *in_position, bandwidth = declared
+    flags = (checks.flag(x, y) for x, y in zip(("position_force", "position_noise_force"), in_position, strict=True))
+    if bandwidth is not None:
+        bandwidth = checks.integer("force_bandwidth", bandwidth, checks.INT32)
+        if bandwidth < 0:
+            raise InvalidArgumentError(
+                f"force_bandwidth = {bandwidth}: give the largest |i - j| of q_j or p_j on which a component i of a "
+                "force depends, or nothing"
+            )
+    return Forces(force, derivative, noise_force, noise_derivative, *flags, bandwidth)
+
+
+@dataclass(frozen=True)
+class FrictionOfNoises:
+    """A force of a model's own noises, which pickles where the model does."""
+
+    model: Any
+    beta: float
+
+    def __call__(self, q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
+        """-beta/2 sum_k H_k,q (H_k,q . H_p)."""
+        weights = np.eye(self.model.nnoise + 1)
+        velocity = self.model.gradient(q, p, weights[0], t)[1]
+        gradients = (self.model.gradient(q, p, weights[k], t)[0] for k in self.model.traits.acting)
+        return -self.beta / 2 * sum(g * (g * velocity).sum(axis=0) for g in gradients)
+
+
 def _kind(name: str) -> str:
     """The kind of callback of an argument."""
     return name.removeprefix("noise_")

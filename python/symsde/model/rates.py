@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rates of damping that are functions gamma_i(q, t): functions of users as callbacks of the library."""
+"""Damping: rates and matrices that are numbers, and rates gamma_i(q, t), functions of users as callbacks."""
 
 from __future__ import annotations
 
+import ctypes
 import inspect
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..errors import WrongShapeError, WrongTypeError
+from ..errors import IncompatibleError, WrongShapeError, WrongTypeError
 from ..native import abi, callbacks, checks, handles
 
 
@@ -55,6 +56,22 @@ class Rates:
             return 0
 
         return abi.CALLBACKS["damping"](callback)
+
+
+#: one rate [1/time] for each degree of freedom, rows of a matrix of friction [mass/time], or functions
+Damping = tuple[float, ...] | tuple[tuple[float, ...], ...] | Rates
+
+
+def require_one_mass(model: Any) -> None:
+    """Refuse a matrix of friction where masses go by path: the library has one matrix Gamma M^-1 for all paths."""
+    origin = np.zeros((model.ndof, model.paths))
+    for unit in np.eye(model.ndof):
+        velocity = model.gradient(origin, origin + unit[:, np.newaxis])[1]
+        if np.any(velocity != velocity[:, :1]):
+            raise IncompatibleError(
+                f"masses of model {model.name} differ from path to path, and a matrix of friction needs one mass for "
+                "all paths: give rates, or a model for each mass"
+            )
 
 
 def rates_of(given: Any, each: bool, allow_gain: bool, ndof: int) -> Rates | None:
@@ -108,4 +125,15 @@ def handle_with(make: Any, rates: Rates, ndof: int) -> Any:
     """A handle of a model with damped momenta."""
     handle = make()
     rates.set(handle, ndof)
+    return handle
+
+
+def handle_with_numbers(make: Any, rates: np.ndarray, allow_gain: bool) -> Any:
+    """A handle of a model with momenta damped by numbers: rates, or a matrix of friction."""
+    handle = make()
+    given = (ctypes.c_double * rates.size)(*rates.flat)
+    if rates.ndim == 2:
+        handles.call("model_set_friction", handle.pointer, given, int(allow_gain))
+    else:
+        handles.call("model_set_damping", handle.pointer, rates.size, given, int(allow_gain))
     return handle

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..errors import IncompatibleError, InvalidArgumentError, OwnNoiseWarning, WrongShapeError
 from ..native import checks, handles
-from .definition import Model, ModelHandle, require_model
+from .definition import Model, require_model
+from .user_handles import ModelHandle
 
 _TOLERANCE = 1e-9  #: relative differences that are rounding, of derivatives by differences, too
 
@@ -45,7 +46,7 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
         return _by_own_noises(model, beta)
     rates, betas = (_one_or_each(key, value, model.ndof) for key, value in (("gamma", gamma), ("beta", beta)))
     bathed = _noisy(model, rates, betas).damped(rates)._in_bath(betas, fluctuating=False)
-    if _noises(model):
+    if model.traits.acting:
         checks.warn(
             f"model {model.name} has noises of its own, which heat it beside the bath: its temperature is above "
             "1/beta; give a model without noise, or with noises of strength zero",
@@ -80,7 +81,7 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
 
 def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
     """A model with the friction that belongs to its noises at 1/inverse_temperature, or the same model."""
-    if not model.damping and not _is_linear(model) and _noises(model):
+    if not model.damping and not _is_linear(model) and model.traits.acting:
         return model._rubbed_by_noises(inverse_temperature)
     forces = _constant_forces(model)
     product = forces @ forces.T
@@ -112,11 +113,6 @@ def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
     return model
 
 
-def _noises(model: Model) -> list[int]:
-    """Numbers of the noises that are not silent."""
-    return [k for k in range(1, model.nnoise + 1) if k not in model.traits.silent]
-
-
 def _is_linear(model: Model) -> bool:
     """Whether noises are linear in q by their traits, or are not of q alone, which is refused later."""
     return model.traits.additive or not model.traits.position_noise
@@ -125,7 +121,7 @@ def _is_linear(model: Model) -> bool:
 def _constant_forces(model: Model) -> np.ndarray:
     """f_k of noises H_k = -f_k.q, one in each column (dof, noise)."""
     traits = model.traits
-    noises = _noises(model)
+    noises = traits.acting
     if not noises:
         raise IncompatibleError(
             f"model {model.name} has no noise of its own: give gamma, too, and the bath brings noise"

@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 
 from .. import models, schemes
-from ..model.definition import FLAGS
+from ..model.traits import FLAGS
 from ..show.tables import markdown
 
 # One member of each family whose names contain a number.

@@ -19,7 +19,8 @@ import numpy as np
 
 from ...errors import SymsdeError
 from ...model.commutator import commutator
-from ...model.definition import Model, Traits
+from ...model.definition import Model
+from ...model.traits import Traits
 from ...schemes import Scheme, as_scheme
 from .problem import Problem
 

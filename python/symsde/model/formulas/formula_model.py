@@ -21,8 +21,9 @@ from ...errors import (
     UnusedParameterWarning,
 )
 from ...native import callbacks, checks
-from ..definition import Model, ModelHandle
+from ..definition import Model
 from ..rates import Rates, rates_of
+from ..user_handles import ModelHandle
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
 from . import forces as _forces
 from . import rates as _rates

@@ -19,7 +19,8 @@ import numpy as np
 from ...errors import IncompatibleError, InvalidArgumentError, WrongShapeError
 from ...native import callbacks, checks, handles
 from ..built_in import is_array
-from ..definition import ModelHandle, _copied
+from ..open_system import copied
+from ..user_handles import ModelHandle
 
 if TYPE_CHECKING:
     from .formula_model import Code, FormulaModel
@@ -74,7 +75,7 @@ def kind_of(values: dict[str, Any]) -> tuple:
 
 def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaModel:
     """The model of compiled functions with these values of its parameters, in the order of the formulas."""
-    model = _copied(root)
+    model = copied(root)
     rotation = code.rotation(list(values.values()))
     if rotation != root.traits.rotation:
         model.traits = dataclasses.replace(root.traits, rotation=rotation)

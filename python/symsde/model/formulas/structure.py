@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...native.files import optional
-from ..definition import FLAGS
+from ..traits import FLAGS
 from .named_formulas import Problem
 
 MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
