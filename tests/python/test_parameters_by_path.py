@@ -16,7 +16,7 @@ import symsde as ss
 from symsde.batch import scene
 from symsde.cli import command_line
 from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
-from symsde.model.formulas import formula_model
+from symsde.model.formulas import formula_code
 
 PATHS = 300
 X = 1 + 0.4 * np.sin(1.3 * np.arange(PATHS))  # neighbours differ by much
@@ -167,7 +167,7 @@ def test_other_values_share_the_code(monkeypatch):
     model = ss.model_from_sympy(**given, params={"omega": 2.1, "s1": 0.2, "s2": 0.1})
     fresh = ss.model_from_sympy(**given, params={"omega": 1.7, "s1": 0.2, "s2": 0.3})
     arrays = model.with_parameters(omega=[2.0, 1.9])
-    monkeypatch.setattr(formula_model, "Derivatives", None)
+    monkeypatch.setattr(formula_code, "Derivatives", None)
     other = model.with_parameters(omega=1.7, s2=0.3)
     assert other.traits == fresh.traits and other.formula.structure == fresh.formula.structure
     assert other.parameters == fresh.parameters == {"omega": 1.7, "s1": 0.2, "s2": 0.3}

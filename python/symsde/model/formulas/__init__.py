@@ -2,6 +2,7 @@
 """Formulas in, compiled models out.
 
 formula_model        `model_from_sympy`
+formula_code         formulas derived and compiled, for all values of parameters of a kind
 parameters           values of parameters, numbers or arrays by path
 formula_scenes       models from formulas in scenes
 formula_observables  observables from formulas, for any model
@@ -30,7 +31,8 @@ cache                the folder of compiled formulas, with checks that loading f
 in_numpy             the callbacks without a compiler
 """
 
-from .formula_model import Formula, FormulaModel, model_from_sympy
+from .formula_code import Formula
+from .formula_model import FormulaModel, model_from_sympy
 from .structure import Structure
 
 __all__ = ["Formula", "FormulaModel", "Structure", "model_from_sympy"]

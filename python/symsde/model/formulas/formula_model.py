@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +14,6 @@ import numpy as np
 from ...errors import (
     IncompatibleError,
     InvalidArgumentError,
-    SlowFormulaWarning,
     UnknownNameError,
     UnusedParameterWarning,
 )
@@ -24,29 +21,14 @@ from ...native import callbacks, checks
 from ..definition import Model
 from ..rates import Rates, rates_of
 from ..user_handles import ModelHandle
-from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
+from . import compiler, emit_c, emit_flow, formula_code, in_numpy, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
-from .named_formulas import make_problem, named, quoted, several, unused
+from .formula_code import Code, Formula
+from .named_formulas import named, quoted, several, unused
 from .parse import folded
-from .sites import Chain, make_chain
-from .structure import Prover, Structure
-
-KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
-
-
-@dataclass(frozen=True)
-class Formula:
-    """A description of how the formulas of a model were derived and compiled."""
-
-    hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
-    structure: Structure | None  #: facts derived from the Hamiltonians; for sums over sites see the traits
-    backend: str  #: "C"; "NumPy" if there is no compiler
-    source: str  #: the generated code
-    seconds_derivatives: float  #: seconds for derivatives and code
-    seconds_compilation: float  #: seconds of processor time of the compiler; 0 = the code was compiled before
-    file: str = field(default="", compare=False)  #: the compiled library
+from .sites import Chain
 
 
 class FormulaModel(Model):
@@ -282,44 +264,19 @@ def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> 
         checks.warn(told, UnusedParameterWarning)
 
 
-@dataclass
-class Code:
-    """What is derived from formulas and compiled. It serves all values of parameters of one kind."""
-
-    given: dict[str, Any]  #: arguments of `model_from_sympy`
-    kind: tuple  #: of the values, see `parameters.kind_of`
-    columns: tuple[str, ...]  #: the model's own names of coordinates and momenta
-    parameters: dict[str, Any]  #: name -> value of the first model
-    traits: dict[str, Any]
-    formula: Formula
-    derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
-    chain: Chain | None  #: sums over sites
-    rotation: Callable[[list], tuple[float, ...] | None]  #: values -> frequencies of the linear part
-    compiled: compiler.Compiled | None
-    kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
-    pulls: _forces.Found  #: forces beside the Hamiltonians
-    rates: _rates.Found | None = None  #: rates of damping that are formulas
-    root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
-    decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
-    direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
-    wide: dict[tuple, FormulaModel] = field(
-        default_factory=dict
-    )  #: names -> with these parameters as positions (wide.py)
-
-
 def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
     given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
     given |= {key: named(key, given[key]) for key in "qp" if given[key] is not None}
     rows = _forces.rows_of(given["force"], given["noise_force"])  # copies
     given |= {"force": rows[0] or None, "noise_force": rows[1:] or None}
-    code = _derived(given, {})
+    code = formula_code.derived(given, {})
     if not code.pulls.acts:
         return _of_values(code, code.parameters, given["damping"])
     model = _of_values(code, code.parameters, None)
     made = {**code.given, "params": code.parameters, "damping": None}
     model._remade = (_made, ({**made, "force": None, "noise_force": None, "bath": None},))
-    model = _acted_upon(model, code.pulls, _pulled(code), None, (_made, (made,)))
+    model = _acted_upon(model, code.pulls, formula_code.pulled(code), None, (_made, (made,)))
     if beta := given.get("bath"):
         model._derives_bath, model._bath = True, (beta,)
     return _damped(model, code, given["damping"]) if given["damping"] is not None else model
@@ -344,16 +301,6 @@ def _damped_by(closed: FormulaModel, formulas: _rates.Asked) -> FormulaModel:
     return closed.damped(formulas)
 
 
-def _pulled(code: Code) -> dict[str, Any]:
-    """The functions of forces, with the values of the parameters."""
-    if code.compiled is None:
-        return _forces.in_python(code.pulls, code.parameters)
-    values = np.array(list(code.parameters.values()) or [0.0])
-    user, kept = ctypes.c_void_p(values.ctypes.data), (values, code.compiled.library)
-    there = [kind for kind in _forces.FUNCTIONS if hasattr(code.compiled.library, f"formula_{kind}")]
-    return {x: callbacks.WithData(_address(code.compiled, f"formula_{x}"), user, kept) for x in there}
-
-
 def _acted_upon(
     model: FormulaModel, pulls: _forces.Found, pulled: dict[str, Any], damping: Any, remade: tuple
 ) -> FormulaModel:
@@ -367,84 +314,11 @@ def _acted_upon(
     return model._with_friction(pulls.friction, remade) if pulls.friction else model
 
 
-def _derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
-    """Formulas derived and compiled for the kind of the given values."""
-    start = time.perf_counter()
-    rows = [given["force"] or [], *(given["noise_force"] or [])]
-    chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
-    chain, own, pulls, rates = None, (), _forces.Found(), None
-    formulas = given["damping"] if isinstance(given["damping"], _rates.Asked) else None
-    if given["n"] is None:
-        chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
-        if formulas:
-            chosen["invariants"] += formulas.formulas
-        problem = make_problem(**chosen)
-        problem, decaying = _rates.split(problem, formulas) if formulas else (problem, [])
-        problem, acting = _forces.split(problem, rows)
-        if given.get("bath"):
-            acting = _forces.friction_of_noises(problem, given["bath"])
-        prover = Prover(problem)
-        if acting:
-            parameters.require_numbers(problem.parameters, "of models with forces")
-            numbers = given["damping"] is None or not (formulas or isinstance(given["damping"], Rates))
-            pulls = _forces.derive(problem, prover, acting, rates=numbers and np.ndim(given["damping"]) < 2)
-        if formulas:
-            parameters.require_numbers(problem.parameters, "of models with formulas of damping")
-            rates = _rates.derive(problem, prover, formulas, decaying)
-        structure = prover.structure()
-        nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
-        own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
-        texts = problem.texts[: nnoise + 1]
-        derivatives = Derivatives(problem, prover.vanishing())
-        source = emit_c.source(derivatives) + _forces.source(pulls) + _rates.source(rates)
-        if given.get("steps", True):
-            source += emit_flow.source(derivatives)
-    else:
-        _forces.refuse_sites(given["force"], given["noise_force"])
-        if formulas:
-            raise InvalidArgumentError(
-                f"damping = {checks.shown(formulas.formulas[0])}: models of n sites take no formulas of damping; give "
-                "numbers, or a function of (q, t)"
-            )
-        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
-        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
-        nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
-        traits = {**traits, "ndof": chain.n}
-    derived = time.perf_counter() - start
-    compiled = _compiled(source, derivatives is None)
-    formula = Formula(
-        hamiltonians=texts,
-        structure=structure,
-        backend="C" if compiled else "NumPy",
-        source=source,
-        seconds_derivatives=derived,
-        seconds_compilation=compiled.seconds if compiled else 0.0,
-        file=str(compiled.path) if compiled else "",
-    )
-    sites = chain and chain.n  # numbers, where arrays may have been given
-    given = {**given, "n": sites, "damping": formulas}
-    kind = parameters.kind_of(values)
-    told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
-    kinds[kind] = Code(
-        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, compiled, kinds, pulls, rates
-    )
-    return kinds[kind]
-
-
-def _no_rotation(_values: list) -> None:
-    return None
-
-
-def _whole_steps(code: Code) -> list[str]:
-    """Schemes whose whole steps are compiled."""
-    return emit_flow.flows(code.derivatives) if code.derivatives and code.given.get("steps", True) else []
-
-
 def _of_values(code: Code, values: dict[str, Any], damping: Any) -> FormulaModel:
     """A model with these values of all parameters, and damped momenta if there are rates."""
     kind = parameters.kind_of(values)
     if kind != code.kind:
-        code = code.kinds.get(kind) or _derived({**code.given, "params": values}, code.kinds)
+        code = code.kinds.get(kind) or formula_code.derived({**code.given, "params": values}, code.kinds)
     if code.compiled is None:
         parameters.require_numbers(values, "without a C compiler")
         model = _plain(code, in_numpy.InNumpy(code.derivatives, values).functions())
@@ -464,21 +338,21 @@ def _decaying(code: Code) -> FormulaModel | None:
 
     They are a file of their own, since most models are closed and their compilation takes long.
     """
-    schemes = _whole_steps(code) if code.compiled else []
+    schemes = code.whole_steps if code.compiled else []
     if code.decaying is None and schemes:
         made = code.derivatives
         compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
-        code.decaying = _root(
-            code, {emit_flow.named(x, damped=True): _address(compiled, f"formula_flow_{x}") for x in schemes}
-        )
+        addresses = {x: formula_code.address(compiled, f"formula_flow_{x}") for x in schemes}
+        code.decaying = _root(code, {emit_flow.named(x, damped=True): place for x, place in addresses.items()})
     return code.decaying
 
 
 def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> FormulaModel:
     """A model of compiled functions that knows no values of its parameters; more: whole steps beside its own."""
-    functions = {**_functions(code.compiled), "accepts_null": True, "any_lanes": True}
-    flows = _whole_steps(code)
-    functions["flows"] = {emit_flow.named(x): _address(code.compiled, f"formula_flow_{x}") for x in flows} | {**more}
+    functions = {**formula_code.functions(code.compiled), "accepts_null": True, "any_lanes": True}
+    flows = code.whole_steps
+    found = {emit_flow.named(x): formula_code.address(code.compiled, f"formula_flow_{x}") for x in flows}
+    functions["flows"] = found | {**more}
     pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
     code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))
     return _plain(code, functions)
@@ -499,33 +373,3 @@ def _shown(state: np.ndarray) -> str:
     """The first numbers of a state as text."""
     numbers = ", ".join(f"{x:g}" for x in state[:4, 0])
     return numbers if len(state) == 1 else f"[{numbers}{', ..' if len(state) > 4 else ''}]"
-
-
-def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
-    """The compiled code; None if nothing can be compiled, with a warning about the cost."""
-    compiled = compiler.build(source)
-    if compiled is not None:
-        return compiled
-    if is_chain:
-        raise InvalidArgumentError("sums over sites need a C compiler: install gcc or clang, or pip install ziglang")
-    checks.warn(in_numpy.SENTENCE, SlowFormulaWarning)
-    return None
-
-
-def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
-    """Read sums over n sites."""
-    if q is not None or p is not None or invariants:
-        raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
-    chain = make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
-    parameters.require_numbers(chain.parameters, "of sums over sites")
-    return chain
-
-
-def _functions(compiled: compiler.Compiled) -> dict[str, Any]:
-    """The compiled callbacks."""
-    there = [kind for kind in KINDS if hasattr(compiled.library, f"formula_{kind}")]
-    return {kind: _address(compiled, f"formula_{kind}") for kind in there}
-
-
-def _address(compiled: compiler.Compiled, name: str) -> ctypes.c_void_p:
-    return ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)

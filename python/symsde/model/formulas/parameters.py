@@ -23,7 +23,8 @@ from ..open_system import copied
 from ..user_handles import ModelHandle
 
 if TYPE_CHECKING:
-    from .formula_model import Code, FormulaModel
+    from .formula_code import Code
+    from .formula_model import FormulaModel
 
 
 def value_of(name: str, given: object) -> float | np.ndarray:

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas derived and compiled: what models share that differ in values of parameters alone."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InvalidArgumentError, SlowFormulaWarning
+from ...native import callbacks, checks
+from ..rates import Rates
+from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
+from . import forces as _forces
+from . import rates as _rates
+from .derivatives import Derivatives
+from .named_formulas import make_problem
+from .sites import Chain, make_chain
+from .structure import Prover, Structure
+
+if TYPE_CHECKING:
+    from .formula_model import FormulaModel
+
+KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A description of how the formulas of a model were derived and compiled."""
+
+    hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
+    structure: Structure | None  #: facts derived from the Hamiltonians; for sums over sites see the traits
+    backend: str  #: "C"; "NumPy" if there is no compiler
+    source: str  #: the generated code
+    seconds_derivatives: float  #: seconds for derivatives and code
+    seconds_compilation: float  #: seconds of processor time of the compiler; 0 = the code was compiled before
+    file: str = field(default="", compare=False)  #: the compiled library
+
+
+@dataclass
+class Code:
+    """What is derived from formulas and compiled. It serves all values of parameters of one kind."""
+
+    given: dict[str, Any]  #: arguments of `model_from_sympy`
+    kind: tuple  #: of the values, see `parameters.kind_of`
+    columns: tuple[str, ...]  #: the model's own names of coordinates and momenta
+    parameters: dict[str, Any]  #: name -> value of the first model
+    traits: dict[str, Any]
+    formula: Formula
+    derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
+    chain: Chain | None  #: sums over sites
+    rotation: Callable[[list], tuple[float, ...] | None]  #: values -> frequencies of the linear part
+    compiled: compiler.Compiled | None
+    kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
+    pulls: _forces.Found  #: forces beside the Hamiltonians
+    rates: _rates.Found | None = None  #: rates of damping that are formulas
+    root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
+    decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
+    direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
+    #: names -> with these parameters as positions (wide.py)
+    wide: dict[tuple, FormulaModel] = field(default_factory=dict)
+
+    @property
+    def whole_steps(self) -> list[str]:
+        """Schemes whose whole steps are compiled."""
+        return emit_flow.flows(self.derivatives) if self.derivatives and self.given.get("steps", True) else []
+
+
+def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
+    """Formulas derived and compiled for the kind of the given values."""
+    start = time.perf_counter()
+    rows = [given["force"] or [], *(given["noise_force"] or [])]
+    chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
+    chain, own, pulls, rates = None, (), _forces.Found(), None
+    formulas = given["damping"] if isinstance(given["damping"], _rates.Asked) else None
+    if given["n"] is None:
+        chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
+        if formulas:
+            chosen["invariants"] += formulas.formulas
+        problem = make_problem(**chosen)
+        problem, decaying = _rates.split(problem, formulas) if formulas else (problem, [])
+        problem, acting = _forces.split(problem, rows)
+        if given.get("bath"):
+            acting = _forces.friction_of_noises(problem, given["bath"])
+        prover = Prover(problem)
+        if acting:
+            parameters.require_numbers(problem.parameters, "of models with forces")
+            numbers = given["damping"] is None or not (formulas or isinstance(given["damping"], Rates))
+            pulls = _forces.derive(problem, prover, acting, rates=numbers and np.ndim(given["damping"]) < 2)
+        if formulas:
+            parameters.require_numbers(problem.parameters, "of models with formulas of damping")
+            rates = _rates.derive(problem, prover, formulas, decaying)
+        structure = prover.structure()
+        nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
+        own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
+        texts = problem.texts[: nnoise + 1]
+        derivatives = Derivatives(problem, prover.vanishing())
+        source = emit_c.source(derivatives) + _forces.source(pulls) + _rates.source(rates)
+        if given.get("steps", True):
+            source += emit_flow.source(derivatives)
+    else:
+        _forces.refuse_sites(given["force"], given["noise_force"])
+        if formulas:
+            raise InvalidArgumentError(
+                f"damping = {checks.shown(formulas.formulas[0])}: models of n sites take no formulas of damping; give "
+                "numbers, or a function of (q, t)"
+            )
+        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
+        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
+        nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
+        traits = {**traits, "ndof": chain.n}
+    derived = time.perf_counter() - start
+    compiled = _compiled(source, derivatives is None)
+    formula = Formula(
+        hamiltonians=texts,
+        structure=structure,
+        backend="C" if compiled else "NumPy",
+        source=source,
+        seconds_derivatives=derived,
+        seconds_compilation=compiled.seconds if compiled else 0.0,
+        file=str(compiled.path) if compiled else "",
+    )
+    sites = chain and chain.n  # numbers, where arrays may have been given
+    given = {**given, "n": sites, "damping": formulas}
+    kind = parameters.kind_of(values)
+    told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
+    kinds[kind] = Code(
+        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, compiled, kinds, pulls, rates
+    )
+    return kinds[kind]
+
+
+def pulled(code: Code) -> dict[str, Any]:
+    """The functions of forces, with the values of the parameters."""
+    if code.compiled is None:
+        return _forces.in_python(code.pulls, code.parameters)
+    values = np.array(list(code.parameters.values()) or [0.0])
+    user, kept = ctypes.c_void_p(values.ctypes.data), (values, code.compiled.library)
+    there = [kind for kind in _forces.FUNCTIONS if hasattr(code.compiled.library, f"formula_{kind}")]
+    return {x: callbacks.WithData(address(code.compiled, f"formula_{x}"), user, kept) for x in there}
+
+
+def functions(compiled: compiler.Compiled) -> dict[str, Any]:
+    """The compiled callbacks."""
+    there = [kind for kind in KINDS if hasattr(compiled.library, f"formula_{kind}")]
+    return {kind: address(compiled, f"formula_{kind}") for kind in there}
+
+
+def address(compiled: compiler.Compiled, name: str) -> ctypes.c_void_p:
+    """The address of a compiled function."""
+    return ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)
+
+
+def _no_rotation(_values: list) -> None:
+    return None
+
+
+def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
+    """The compiled code; None if nothing can be compiled, with a warning about the cost."""
+    compiled = compiler.build(source)
+    if compiled is not None:
+        return compiled
+    if is_chain:
+        raise InvalidArgumentError("sums over sites need a C compiler: install gcc or clang, or pip install ziglang")
+    checks.warn(in_numpy.SENTENCE, SlowFormulaWarning)
+    return None
+
+
+def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
+    """Read sums over n sites."""
+    if q is not None or p is not None or invariants:
+        raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
+    chain = make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
+    parameters.require_numbers(chain.parameters, "of sums over sites")
+    return chain
