@@ -217,6 +217,11 @@ typedef struct symsde_lanes {
  * points have row i at point i. No run may be using the model */
 int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow, const double *values,
                                 symsde_error *error);
+/* Declare a quadratic part D of H for a model of symsde_model_new, H = D(q,p) + V(q) with D = z.S z/2, z = (q, p) and S =
+ * second[2*ndof][2*ndof]: any coupling of q and p, as in magnetic fields and rotating frames. gauss_dkdkd, verlet_kdk,
+ * chin4a and their _strong2 then kick by V and by noises in position, between exact flows of D. H_p = S_pq q + S_pp p is
+ * tested; S_qq is a choice, since V is the remainder. NULL takes it back. No run may be using the model */
+int symsde_model_set_quadratic_part(symsde_model model, const double *second, symsde_error *error);
 /* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the
  * stiff linear part (NULL: those of model). The functions must read the memory behind user as data alone, since
  * tests that one of the models has passed are not repeated for the other */

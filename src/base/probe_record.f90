@@ -127,7 +127,7 @@ contains
       type(model_traits), intent(in) :: traits
       real(wp), intent(in) :: t, q(:), p(:), step
       integer(i8) :: low, high
-      integer :: i
+      integer :: i, j
 
       low = 1
       high = 1
@@ -172,6 +172,14 @@ contains
          end do
          do i = 1, size(traits%touches%dof)
             call take(traits%touches%dof(i))
+         end do
+      end if
+      if (allocated(traits%quadratic_part)) then
+         do i = 1, size(traits%quadratic_part, 2)
+            do j = 1, size(traits%quadratic_part, 1)
+               call take(exponent(traits%quadratic_part(j, i)))
+               call take(int(fraction(traits%quadratic_part(j, i))*2.0_wp**30))
+            end do
          end do
       end if
       ! Both halves are below 2^31, so that the sum cannot overflow.

@@ -55,6 +55,10 @@ module symsde_base_traits
       !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a claim: V
       !> is the remainder, so it is not probed. Not allocated = not declared.
       real(wp), allocatable :: rotation(:)
+      !> S = (S_qq, S_qp; S_pq, S_pp) of a quadratic part D = z.S z/2 of H = D(q,p) + V(q), z = (q, p), whose flow is
+      !> known exactly (2 ndof, 2 ndof). The probe tests H_p = S_pq q + S_pp p; S_qq is a choice, as V is the remainder.
+      !> Kicks stand between flows of D then. Not allocated = not declared.
+      real(wp), allocatable :: quadratic_part(:, :)
       type(force_traits) :: forces
    contains
       procedure :: correction_vanishes
@@ -148,8 +152,26 @@ contains
    pure type(noise_supports) function tied_supports(self)
       class(model_traits), intent(in) :: self
 
-      if (self%has_diagonal_mass() .and. .not. self%forces%noise) tied_supports = self%touches
+      logical :: apart
+
+      apart = self%has_diagonal_mass()
+      if (allocated(self%quadratic_part)) apart = diagonal_velocity(self%ndof, self%quadratic_part)
+      if (apart .and. .not. self%forces%noise) tied_supports = self%touches
    end function tied_supports
+
+   !> Whether D_pp is diagonal.
+   pure logical function diagonal_velocity(ndof, s)
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: s(2*ndof, 2*ndof)
+      integer :: i, j
+
+      diagonal_velocity = .true.
+      do j = 1, ndof
+         do i = 1, ndof
+            if (i /= j .and. abs(s(ndof + i, ndof + j)) > 0) diagonal_velocity = .false.
+         end do
+      end do
+   end function diagonal_velocity
 
    !> The pairs of noises k <= l in position for which H_k,q . M^-1 H_l,q may not vanish; not allocated = all.
    pure subroutine find_meetings(self, pairs)

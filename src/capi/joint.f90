@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Optional functions of a user's model: gradient and Hessian together, third derivatives, rows of a chain, whole
-!> steps of schemes, parameters by path; and declarations that its functions accept NULL or any number of lanes.
+!> steps of schemes, parameters by path, a quadratic part of H; and declarations that its functions accept NULL or any
+!> number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_associated, c_funptr, c_int, c_int64_t, c_ptr
    use symsde_base_damping, only: damping_type
@@ -8,12 +9,14 @@ module symsde_capi_joint
    use symsde_base_maps, only: step_map
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_model, only: begin_handle, find_model, new_handle
    use symsde_capi_text, only: read_text
    use symsde_model_abstract, only: model_type
    use symsde_model_forces, only: force_type
+   use symsde_model_parameters, only: check_traits
    use symsde_model_user_callback, only: callback_model
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
@@ -23,7 +26,7 @@ module symsde_capi_joint
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
    public :: symsde_model_accept_any_lanes, symsde_model_set_derived
    public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative
-   public :: symsde_model_set_parameters, symsde_model_with_user
+   public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part
 
 contains
 
@@ -187,6 +190,31 @@ contains
       if (.not. allocated(refusal)) call known%set_parameters(given, refusal)
       status = finish(refusal, error)
    end function symsde_model_set_parameters
+
+   !> Declare the quadratic part D = z.S z/2 of H of a model of symsde_model_new, by S (2 ndof, 2 ndof); NULL takes it
+   !> back. Refuses built-in models (incompatible), and matrices that are not symmetric.
+   function symsde_model_set_quadratic_part(model, second, error) result(status) &
+      bind(c, name='symsde_model_set_quadratic_part')
+      type(c_ptr), intent(in), value :: model, second, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+      real(wp), pointer, contiguous :: given(:, :)
+      type(model_traits) :: traits
+
+      call find_callback_model(model, known, 'symsde_model_set_quadratic_part', refusal)
+      if (.not. allocated(refusal)) then
+         traits = known%traits
+         if (allocated(traits%quadratic_part)) deallocate (traits%quadratic_part)
+         if (c_associated(second)) then
+            call view(second, 2_i8*traits%ndof, 2_i8*traits%ndof, given)
+            traits%quadratic_part = given
+            call check_traits('symsde_model_set_quadratic_part', known%name, traits, refusal)
+         end if
+      end if
+      if (.not. allocated(refusal)) known%traits = traits
+      status = finish(refusal, error)
+   end function symsde_model_set_quadratic_part
 
    !> A copy of a model of symsde_model_new whose functions get another user pointer, and whose stiff linear part
    !> has other frequencies [ndof], unless rotation is NULL. Refuses built-in models

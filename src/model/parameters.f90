@@ -71,7 +71,37 @@ contains
       call check_bound(place, model//'max_frequency', traits%max_frequency, error)
       call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
       if (allocated(traits%rotation)) call check_rotation(place, model, traits, error)
+      if (allocated(traits%quadratic_part)) call check_quadratic(place, model, traits, error)
    end subroutine check_traits
+
+   !> Refuse a quadratic part that is no symmetric matrix of finite numbers.
+   subroutine check_quadratic(place, model, traits, error)
+      character(*), intent(in) :: place, model
+      type(model_traits), intent(in) :: traits
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: i, j
+
+      associate (s => traits%quadratic_part)
+         if (any(shape(s) /= 2*traits%ndof)) then
+            call raise(error, wrong_shape, place, model//'a quadratic part of '//to_text(size(s, 1))//' rows for '// &
+                       to_text(traits%ndof)//' degrees of freedom; give second derivatives by q and then by p, '// &
+                       to_text(2*traits%ndof)//' rows')
+            return
+         end if
+         do j = 1, size(s, 2)
+            do i = 1, j
+               if (.not. (is_finite_lane(s(i, j)) .and. is_finite_lane(s(j, i)))) then
+                  call raise(error, invalid_argument, place, model//'a quadratic part with an entry ('//to_text(i)// &
+                             ','//to_text(j)//') that is not finite; give numbers')
+               else if (abs(s(i, j) - s(j, i)) > 8*epsilon(1.0_wp)*max(abs(s(i, j)), abs(s(j, i)))) then
+                  call raise(error, invalid_argument, place, model//'a quadratic part that is not symmetric: ('// &
+                             to_text(i)//','//to_text(j)//') = '//to_text(s(i, j))//', ('//to_text(j)//','// &
+                             to_text(i)//') = '//to_text(s(j, i))//'; give second derivatives')
+               end if
+            end do
+         end do
+      end associate
+   end subroutine check_quadratic
 
    !> Refuse supports of noises (touches) that are no lists of degrees of freedom (wrong_shape, invalid_argument).
    subroutine check_supports(place, model, traits, error)

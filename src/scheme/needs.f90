@@ -18,7 +18,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
       character(:), allocatable, intent(out) :: missing
-      logical :: noisy, will_do
+      logical :: noisy, will_do, splits
 
       noisy = traits%nnoise > 0
       associate (needs => scheme%needs)
@@ -26,6 +26,7 @@ contains
          ! drift and noise have equal weights: then all nodes get the same velocity from the noise.
          will_do = .false.
          if (needs%additive_will_do) will_do = traits%additive .and. scheme%noise_coefficients_equal()
+         splits = needs%quadratic_will_do .and. allocated(traits%quadratic_part)
          if (needs%additive .and. noisy .and. .not. traits%additive) then
             missing = 'additive noise (trait additive)'
          else if (needs%position_noise .and. noisy .and. .not. (traits%position_noise .or. will_do)) then
@@ -37,8 +38,9 @@ contains
             ! The needs below are of H itself, and hold without noise, too.
          else if (needs%identity_mass .and. .not. traits%identity_mass) then
             missing = 'H = p.p/2 + U(q) (trait identity_mass)'
-         else if (needs%constant_mass .and. .not. traits%has_constant_mass()) then
+         else if (needs%constant_mass .and. .not. (traits%has_constant_mass() .or. splits)) then
             missing = 'H = p.M^-1 p/2 + U(q) with a constant mass M (trait constant_mass, or identity_mass)'
+            if (needs%quadratic_will_do) missing = missing//', or H = D(q,p) + U(q) with a quadratic D (split)'
          else if (needs%rotation .and. .not. allocated(traits%rotation)) then
             missing = 'the frequencies of the linear part of H (trait rotation)'
          end if

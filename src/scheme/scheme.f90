@@ -64,6 +64,7 @@ module symsde_scheme_scheme
       logical :: additive_will_do = .false.   !! instead of position_noise, where drift and noise share coefficients
       logical :: identity_mass = .false.
       logical :: constant_mass = .false.      !! met by identity_mass, too
+      logical :: quadratic_will_do = .false.  !! instead of constant_mass: a declared quadratic part
       logical :: rotation = .false.           !! frequencies of the linear part of H
       character(:), allocatable :: why        !! reason of the needs, for messages
       character(:), allocatable :: instead    !! scheme for models that do not meet the needs

@@ -104,7 +104,9 @@ contains
       scheme%needs = model_needs(position_noise=.true., identity_mass=kicks%flow == flow_rotation, &
                                  constant_mass=kicks%flow /= flow_midpoint .or. has_products(kicks), &
                                  rotation=kicks%flow == flow_rotation, &
+                                 quadratic_will_do=kicks%flow == flow_free, &
                                  instead='gauss2_strong32 for strong order 3/2, or midpoint')
+      if (kicks%is_word() .or. kicks%rational) scheme%needs%quadratic_will_do = .false.
       if (kicks%is_word()) scheme%needs%instead = 'midpoint'  ! schemes with brackets refuse damped models
       if (kicks%flow == flow_midpoint .and. has_products(kicks)) scheme%needs%instead = 'gauss_dkdkd_midpoint'
       if (kicks%uses_dz()) scheme%asks = functionals([path_dz])

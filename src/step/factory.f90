@@ -11,7 +11,7 @@
 !> instance of a body for a single path is allocated, if there is one.
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_polynomial
    use symsde_base_functionals, only: path_stt_area
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
@@ -320,12 +320,24 @@ contains
       if (allocated(why)) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &
                     task%scheme%name//' '//why//': use midpoint, gauss2 or gauss_dkdkd, or a model without damping')
+      else if (kind == varying_rates .and. drifts_by_quadratic_part(task)) then
+         call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' has rates of damping that '// &
+                    'are functions, and drifts of scheme '//task%scheme%name//' are flows of its quadratic part '// &
+                    '(split), which decay by numbers: give rates as numbers, or use midpoint')
       else if (kind == friction_matrix .and. .not. task%model%traits%has_constant_mass()) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' does not declare H = '// &
                     'p.M^-1 p/2 + U(q) with a constant M (identity_mass, constant_mass), and a matrix of '// &
                     'friction acts on velocities M^-1 p: give rates of the momenta')
       end if
    end subroutine check_damping
+
+   !> Whether drifts are flows of a quadratic part that the model declares.
+   pure logical function drifts_by_quadratic_part(task)
+      type(stepper_task), intent(in) :: task
+
+      drifts_by_quadratic_part = task%scheme%needs%quadratic_will_do .and. &
+                                 allocated(task%model%traits%quadratic_part)
+   end function drifts_by_quadratic_part
 
    !> Refuse a choice of the noise of damped free motion where kicks have no such choice. The law that the scheme has
    !> anyway is no other choice, and has the bits of none.
@@ -339,6 +351,9 @@ contains
       else if (.not. task%damping%is_scalar()) then
          call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights of '// &
                      'the closed system')
+      else if (drifts_by_quadratic_part(task) .and. task%damping_noise /= noise_polynomial) then
+         call refuse('drifts of model '//task%model%name//' are flows of its quadratic part (split), so that kicks '// &
+                     'keep the weights of the closed system')
       else if (.not. can_choose(task%scheme)) then
          call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
       else if (task%damping_noise == merge(noise_law3, noise_law2, task%scheme%asks%has(path_stt_area))) then

@@ -378,15 +378,16 @@ KICKS = {
 }
 
 
-def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None):
-    """A step of kicks with drifts, rotations, midpoint steps or drifts that decay by rates between them."""
+def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None, split=None):
+    """A step of kicks with drifts, rotations, midpoint steps or drifts that decay by rates between them; or with flows
+    of a quadratic part, by its second derivatives `split`."""
     kicks = KICKS[next(key for key in KICKS if name.startswith(key))]
     n, h, m = model.ndof, drive.h, model.nnoise
     beta, share = kicks.beta or kicks.b, kicks.share or kicks.b
     midpoint, sampled = name.endswith("_midpoint"), name.endswith("_strong2")
     a = drive.z / h - drive.w / 2
     w = [beta[i] * drive.w + kicks.gamma[i] * a + kicks.eta[i] * drive.k for i in range(len(beta))]
-    free = not midpoint and rotation is None
+    free = not midpoint and rotation is None and split is None
     if free and rates is not None and len(set(rates)) == 1:  # the noise of free motion has its law
         nodes = 1 - np.array(kicks.c)
         phi = [_reach(rates[0] * h, u) for u in nodes]
@@ -405,24 +406,17 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None):
         outer = partial(np.einsum, "kl,ml->kml")
         d = sum(h * (kicks.c[j] - kicks.c[i]) * (outer(w[i], w[j]) + outer(w[j], w[i])) / 2 for i, j in pairs)
         d = d - 2 * sum(kicks.kappa) * h * outer(v, v) - drive.magnus
-    omega = np.zeros(n) if rotation is None else np.array(rotation)
-    flow = partial(_midpoint_flow if midpoint else _turn_flow, model, omega)
-    if rates is not None:
-        flow = partial(_decay_flow, model, np.array(rates)[:, None])
-        if midpoint:
-            flow = partial(_midpoint_decay_flow, model, np.array(rates))
-        elif rotation is not None:
-            flow = partial(_turn_decay_flow, omega, np.array(rates))
-
+    flow, stiffness = _flow_between(model, rotation, rates, split, midpoint)
     place = 0.0
     for i, ci in enumerate(kicks.c):
         x = flow(t + place * h, (ci - place) * h, x)
         place = ci
-        g, hess = (model.derivative(order, t + ci * h, x) for order in (1, 2))
+        at = x if split is None else np.concatenate([x[:n], 0 * x[n:]])
+        g, hess = (model.derivative(order, t + ci * h, at) for order in (1, 2))
         mass = model.derivative(2, t, x)[0, n:, n:]
         g, hess = g[:, :n], hess[:, :n, :n]
-        g[0] -= omega[:, None] ** 2 * x[:n]
-        hess[0] -= np.diag(omega**2)[:, :, None]
+        g[0] -= stiffness @ x[:n]
+        hess[0] -= stiffness[:, :, None]
         drift = 0.0 if midpoint else kicks.b[i] * h
         force = drift * g[0] + np.einsum("kl,kal->al", w[i], g[1:])
         sums = [h * y[0] + np.einsum("kl,k...l->...l", v, y[1:]) for y in (g, hess)]
@@ -462,6 +456,27 @@ def _turn_decay_flow(omega, rates, _t, h, x):
     moved = [exponential(h * np.array([[0, 1], [-(o**2), -r]])) @ x[[k, n + k]] for k, (o, r) in
              enumerate(zip(omega, rates, strict=True))]  # fmt: skip
     return np.concatenate(np.swapaxes(moved, 0, 1))
+
+
+def _flow_between(model, rotation, rates, split, midpoint):
+    """The flow between two kicks, and the stiffness that it includes."""
+    n = model.ndof
+    omega = np.zeros(n) if rotation is None else np.array(rotation)
+    flow, stiffness = partial(_midpoint_flow if midpoint else _turn_flow, model, omega), np.diag(omega**2)
+    if split is not None:
+        stiffness, field = split[:n, :n], np.concatenate([split[n:], -split[:n]])
+        return partial(_linear_flow, field - np.diag([*0 * omega, *(0 * omega if rates is None else rates)])), stiffness
+    if rates is not None:
+        flow = partial(_decay_flow, model, np.array(rates)[:, None])
+        if midpoint:
+            flow = partial(_midpoint_decay_flow, model, np.array(rates))
+        elif rotation is not None:
+            flow = partial(_turn_decay_flow, omega, np.array(rates))
+    return flow, stiffness
+
+
+def _linear_flow(field, _t, h, x):
+    return exponential(h * field) @ x
 
 
 def exponential(matrix):

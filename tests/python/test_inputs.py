@@ -114,6 +114,7 @@ MADE = {
     "touches": [[1], [1]],
     "diagonal_mass": True,
     "rotation": np.array([2.0]),
+    "split": np.diag([0.5, 1.0]),
     "bandwidth": 0,
     "separable": True,
     "quadratic": True,

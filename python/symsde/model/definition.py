@@ -19,6 +19,7 @@ from . import built_in, user_handles
 from .forces import given_forces
 from .named import require_names
 from .open_system import OpenSystem, copied, damped_again, forced_again
+from .split import Split, handle_with_split, second_derivatives
 from .traits import FLAGS, Traits, arguments, declared, of_library
 
 #: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
@@ -67,6 +68,11 @@ class Model(OpenSystem):
     called with the paths alone, without lanes that fill a vector (whole steps: with a single path). This makes one path
     eight times as fast. numba functions are checked automatically (no fastmath, no SVML); for others, declare it.
 
+    ``split`` is a matrix S of second derivatives, (2 dof, 2 dof), by q and then by p. It says H = z.S z/2 + V(q) with
+    z = (q, p), and any coupling of q and p. Then ``gauss_dkdkd``, ``verlet_kdk``, ``chin4a`` and their _strong2 take
+    the quadratic part exactly, by the matrix exp(h J S), and kick by V and noises in position. H_p is compared with S;
+    S_qq is a choice, since V is what remains.
+
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0, and touches a
     list of numbers i = 1 .. ndof for each noise, as in [[1], [2], [2, 3]]. With it schemes form nothing over pairs of
     noises that touch different degrees of freedom; with a mass that is not one it needs diagonal_mass. Runs probe the
@@ -85,6 +91,7 @@ class Model(OpenSystem):
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Set by models of
     #: formulas
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
+    _split: Split | None = None  #: second derivatives of a quadratic part of H, as declared to the library
     _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
     _hamiltonians: Sequence[str] = ()  #: texts "H = ..", "H_1 = .." if they are known
 
@@ -114,6 +121,7 @@ class Model(OpenSystem):
         rotation: Any = None,
         silent: Any = (),
         touches: Any = None,
+        split: Any = None,
         accepts_null: bool = False,
         flows: Mapping[str, Any] | None = None,
         any_lanes: bool | None = None,
@@ -135,6 +143,7 @@ class Model(OpenSystem):
             separable=separable, additive=additive, position_noise=position_noise, quadratic=quadratic,
             identity_mass=identity_mass, constant_mass=constant_mass, diagonal_mass=diagonal_mass,
         )  # fmt: skip
+        parted = second_derivatives(split, traits.ndof)
         functions = {
             "gradient": gradient,
             "value": value,
@@ -152,7 +161,7 @@ class Model(OpenSystem):
             any_lanes = callbacks.takes_any_lanes([*functions.values(), *flows.values()])
         any_lanes = checks.flag("any_lanes", any_lanes) and "Python" not in kinds
         derived = checks.flag("derived", derived)
-        given = {**functions, **arguments(traits), "derived": derived, "name": name}
+        given = {**functions, **arguments(traits), "split": parted, "derived": derived, "name": name}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
         accepts_null = checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
         make = functools.partial(user_handles.of_user, checks.name_of("name", name), traits, functions, accepts_null)
@@ -160,6 +169,8 @@ class Model(OpenSystem):
             make = functools.partial(user_handles.with_flows, make, flows, any_lanes)
         if derived:
             make = functools.partial(user_handles.derived, make)
+        if parted is not None:
+            make, self._split = functools.partial(handle_with_split, make, parted), parted
         self._adopt(make, name, {})
         forces = given_forces(
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
@@ -235,7 +246,7 @@ class Model(OpenSystem):
     def _read_traits(self) -> Traits:
         given = handles.new(abi.Traits, "traits")
         self.call("model_traits", ctypes.byref(given))
-        return of_library(given)
+        return of_library(given, self._split)
 
     def __copy__(self) -> Model:
         """A model never changes: a copy is the model itself."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
 from ..native import abi, checks, handles
+from .split import Split
 
 #: traits that are true or false; each names a property of the Hamiltonians
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass", "diagonal_mass")
@@ -40,14 +41,16 @@ class Traits:
     silent: tuple[int, ...]  #: noises k whose H_k is zero: nothing is drawn for them
     #: for each noise the degrees of freedom i = 1 .. ndof of which q_i or p_i occur in H_k; None = not declared
     touches: tuple[tuple[int, ...], ...] | None
+    split: Split | None  #: second derivatives of a quadratic part of H by (q, p), rows; None = not declared
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
 
     @property
     def kicked(self) -> bool:
-        """Whether the noise depends on position and the mass is constant, as schemes of drifts and kicks need."""
-        return self.position_noise and (self.identity_mass or self.constant_mass)
+        """Whether the noise depends on position, and the mass is constant or a quadratic part of H holds the momenta,
+        as schemes of drifts and kicks need."""
+        return self.position_noise and (self.identity_mass or self.constant_mass or self.split is not None)
 
     @property
     def acting(self) -> list[int]:
@@ -71,8 +74,8 @@ def declared(*, ndof, nnoise, bandwidth, max_frequency, noise_lipschitz, rotatio
     return traits
 
 
-def of_library(given: abi.Traits) -> Traits:
-    """What the library says of a model."""
+def of_library(given: abi.Traits, split: Split | None) -> Traits:
+    """What the library says of a model, whose quadratic part is known here alone."""
     flags = {name: bool(getattr(given, name)) for name in (*FLAGS, *_KNOWN)}
     return Traits(
         ndof=given.ndof,
@@ -83,6 +86,7 @@ def of_library(given: abi.Traits) -> Traits:
         rotation=tuple(given.rotation[: given.ndof]) if given.rotation else None,
         silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
         touches=_lists_of(given),
+        split=split,
         **flags,
     )
 

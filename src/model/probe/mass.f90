@@ -11,7 +11,7 @@ module symsde_model_probe_mass
    use symsde_model_probe_points, only: probe_points, nlane, npoint, finding, worst, no_verdict
    implicit none
    private
-   public :: compare_mass
+   public :: compare_mass, compare_quadratic
 
    real(wp), parameter :: later = 0.37_wp  !! a second time, at which a constant mass must be the same
 
@@ -57,6 +57,38 @@ contains
       end if
       if (bad%lane > 0) x = hp(bad%lane, bad%i)
    end subroutine compare_mass
+
+   !> Find a point and a component where H_p of H_0 differs from S_pq q + S_pp p of the declared quadratic part; H_0 is
+   !> the probed sum, now and at a later time. bad%lane = 0 if there is none; else x is the difference.
+   subroutine compare_quadratic(points, tolerance, bad, x)
+      type(probe_points), intent(in) :: points
+      real(wp), intent(in) :: tolerance               !! part of the gradient that counts as rounding
+      type(finding), intent(out) :: bad
+      real(wp), intent(out) :: x
+      real(wp) :: hq(nlane, points%ndof), hp(nlane, points%ndof), zero(nlane, points%ndof), scale(nlane)
+      integer :: i, j, pass
+
+      zero = points%zero
+      x = 0
+      associate (n => points%ndof, s => points%model%traits%quadratic_part)
+         do pass = 0, 1
+            call points%model%gradient(nlane, n, points%nnoise, points%t + pass*later, points%w, points%q, points%p, &
+                                       hq, hp)
+            scale = maxval(abs(hp), dim=2) + 0*sum(hp, dim=2)
+            do i = 1, n
+               do j = 1, n
+                  hp(:, i) = hp(:, i) - s(n + i, j)*points%q(:, j) - s(n + i, n + j)*points%p(:, j)
+                  scale = max(scale, abs(s(n + i, j)*points%q(:, j)), abs(s(n + i, n + j)*points%p(:, j)))
+               end do
+            end do
+            call worst(zero, hp, scale, tolerance, bad)
+            if (bad%lane > 0) then
+               x = hp(bad%lane, bad%i)
+               return
+            end if
+         end do
+      end associate
+   end subroutine compare_quadratic
 
    !> Compare velocities with those of the first point, component by component: v_i(p_a) p_1,i - v_i(p_1) p_a,i. The
    !> scale is the sum of both products, each with the largest components.

@@ -17,7 +17,7 @@ module symsde_model_probe_traits
    use symsde_model_probe_damping, only: probe_damping
    use symsde_model_probe_forces, only: probe_forces
    use symsde_model_probe_gradient, only: probe_gradient
-   use symsde_model_probe_mass, only: compare_mass
+   use symsde_model_probe_mass, only: compare_mass, compare_quadratic
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, worst, &
                                         largest_entry
    use symsde_model_probe_rows, only: probe_rows
@@ -107,6 +107,7 @@ contains
 
       if (allocated(error)) return
       if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, error)
+      if (k == 0 .and. allocated(traits%quadratic_part)) call probe_quadratic_part(points, error)
       if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
       if (k > 0 .and. traits%additive) call probe_additive(points, error)
       if (traits%separable) call probe_separable(points, error)
@@ -142,6 +143,22 @@ contains
       call compare_mass(points, vanishing, trait, bad, what, x)
       if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
    end subroutine probe_mass
+
+   !> Velocities must be those of the declared quadratic part, H_p = S_pq q + S_pp p.
+   subroutine probe_quadratic_part(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      type(finding) :: bad
+      real(wp) :: x
+
+      if (allocated(error)) return
+      call compare_quadratic(points, vanishing, bad, x)
+      if (bad%lane > 0) &
+         call raise(error, false_trait, here, 'model '''//points%model%name//''' declares a quadratic part of H '// &
+                    '(split) that holds all momenta, but dH_0/dp_'//to_text(bad%i)//' minus its own derivative = '// &
+                    to_text(x)//' at '//points%place(bad%lane, bad%i, bad%i)//'; give the second derivatives of H '// &
+                    'by p, and by q and p, or declare none')
+   end subroutine probe_quadratic_part
 
    !> Noises declared silent must have zero gradient, H_k = 0; if a sum has several noises, the sum of the silent ones
    !> is tested.

@@ -53,6 +53,8 @@ contains
          why = 'has rotations or midpoint steps between its kicks'
       else if (task%damping%acts()) then
          why = 'has drifts that decay'
+      else if (allocated(task%model%traits%quadratic_part)) then
+         why = 'has drifts that couple positions and momenta'
       else if (.not. (wide%traits%separable .and. wide%traits%position_noise)) then
          why = 'has drifts that a parameter of the kinetic energy changes'
       else

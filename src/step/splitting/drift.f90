@@ -18,6 +18,10 @@
 !>
 !>    s = exp(-omega^2 tau/r) phi_{r - omega^2/r},   g - 1 = omega^2 (phi_r - phi_{omega^2/r})/(r - omega^2/r)
 !>
+!> If a model declares a quadratic part D of H, with any coupling of q and p (magnetic fields, rotating frames), the
+!> flow is that of D, exp(tau J S) (step/open/linear_flow), or exp(tau (J S - gamma)) where momenta decay. Kicks are
+!> those of H - D then, a function of q.
+!>
 !> Increments are moved, not states, so that rounding errors are relative to increments: with (x, y) = (q + dq, p + dp),
 !>
 !>    dq <- dq + (cos(omega tau) - 1) x + sin(omega tau)/omega y
@@ -38,8 +42,8 @@ module symsde_step_splitting_drift
    use symsde_base_damping, only: damping_type, decay_less_one
    use symsde_base_sincos, only: sine_of
    use symsde_noise_decay_law, only: decay_integral
-   use symsde_step_open_coupled_rotation, only: coupled_rotation, new_coupled_rotation
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
+   use symsde_step_open_linear_flow, only: linear_flow, new_linear_flow, hamiltonian_field
    use symsde_step_open_varying, only: varying_decay, new_varying_decay
    implicit none
    private
@@ -50,7 +54,9 @@ module symsde_step_splitting_drift
       logical, public :: rotates = .false.
       logical, public :: decays = .false.
       type(friction_flow), allocatable, public :: friction  !! flow with a matrix of friction
-      type(coupled_rotation), allocatable :: coupled        !! rotation with a matrix of friction
+      type(linear_flow), allocatable :: coupled             !! rotation that couples degrees of freedom
+      real(wp), allocatable, public :: inverse_mass(:, :)   !! D_pp of a quadratic part D (ndof, ndof)
+      real(wp), allocatable :: stiffness(:, :)              !! D_qq (ndof, ndof)
       type(varying_decay), allocatable, public :: varying   !! decays by rates that are functions
       logical, public :: decays_at_kicks = .false.
       logical :: rational = .false.
@@ -76,14 +82,21 @@ contains
 
    !> Drifts of nleg different durations in a step; rotations where omega is given, decays where momenta are damped, at
    !> kicks where parts of them are given.
-   subroutine new_drift_flow(self, nleg, nlane, ndof, omega, damping, part, rational)
+   subroutine new_drift_flow(self, nleg, nlane, ndof, omega, damping, part, rational, quadratic)
       type(drift_flow), intent(out) :: self
       integer, intent(in) :: nleg, nlane, ndof
       real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
       type(damping_type), intent(in), optional :: damping
       real(wp), allocatable, intent(in), optional :: part(:)   !! not allocated: not at kicks (nleg - 1)
       logical, intent(in), optional :: rational                !! rational functions in place of exponentials
+      real(wp), allocatable, intent(in), optional :: quadratic(:, :)  !! S of a quadratic part (2 ndof, 2 ndof)
 
+      if (present(quadratic)) then
+         if (allocated(quadratic)) then
+            call new_quadratic_flow(self, nleg, ndof, quadratic, damping)
+            return
+         end if
+      end if
       if (present(damping)) self%decays = damping%acts()
       if (self%decays) then
          if (allocated(damping%friction)) then
@@ -113,13 +126,56 @@ contains
       if (allocated(self%friction)) then
          deallocate (self%friction)
          allocate (self%coupled)
-         call new_coupled_rotation(self%coupled, omega, damping%friction, nleg)
+         call new_linear_flow(self%coupled, oscillator_field(omega, damping%friction), nleg)
          return
       end if
       allocate (self%duration(nleg), source=0.0_wp)
       allocate (self%cosine_less_one(size(omega), nleg), self%sine(size(omega), nleg), source=0.0_wp)
       allocate (self%sine_over(size(omega), nleg), source=0.0_wp)
    end subroutine new_drift_flow
+
+   !> Flows of a quadratic part z.S z/2, whose momenta may decay.
+   subroutine new_quadratic_flow(self, nleg, ndof, s, damping)
+      type(drift_flow), intent(inout) :: self
+      integer, intent(in) :: nleg, ndof
+      real(wp), intent(in) :: s(2*ndof, 2*ndof)
+      type(damping_type), intent(in), optional :: damping   !! rates, or a matrix of friction where S_qp = 0
+      real(wp) :: field(2*ndof, 2*ndof)
+      integer :: i
+
+      self%rotates = .true.
+      self%decays = .false.
+      self%inverse_mass = s(ndof + 1:, ndof + 1:)
+      self%stiffness = s(:ndof, :ndof)
+      field = hamiltonian_field(s)
+      if (present(damping)) then
+         if (allocated(damping%rate)) then
+            do i = 1, ndof
+               field(ndof + i, ndof + i) = field(ndof + i, ndof + i) - damping%rate(i)
+            end do
+         else if (allocated(damping%friction)) then
+            field(ndof + 1:, ndof + 1:) = field(ndof + 1:, ndof + 1:) - matmul(damping%friction, self%inverse_mass)
+         end if
+      end if
+      allocate (self%coupled)
+      call new_linear_flow(self%coupled, field, nleg)
+   end subroutine new_quadratic_flow
+
+   !> The field of oscillators with a matrix of friction, mass one: q' = p, p' = -omega^2 q - Gamma p.
+   pure function oscillator_field(omega, friction) result(field)
+      real(wp), intent(in) :: omega(:)         !! frequencies (ndof)
+      real(wp), intent(in) :: friction(:, :)   !! Gamma [1/time] (ndof, ndof)
+      real(wp) :: field(2*size(omega), 2*size(omega))
+      integer :: n, i
+
+      n = size(omega)
+      field = 0
+      do i = 1, n
+         field(i, n + i) = 1
+         field(n + i, i) = -omega(i)**2
+         field(n + 1:, n + i) = -friction(:, i)
+      end do
+   end function oscillator_field
 
    !> Rotate (q + dq, p + dp) over the time tau, leg `leg` of the step. Without rotation a drift is one pass together
    !> with the kick before it (leap of stepper.inc).
@@ -241,17 +297,26 @@ contains
       end do
    end subroutine decay_at
 
-   !> Subtract the linear part from the gradient of weight*U, f <- f - weight omega_i^2 x_i, since the rotation includes
-   !> it.
+   !> Subtract the linear part from the gradient of weight*U, f <- f - weight omega_i^2 x_i, or weight D_qq x, since the
+   !> rotation includes it.
    pure subroutine remove_linear(self, weight, nlane, ndof, x, f)
       class(drift_flow), intent(in) :: self
       real(wp), intent(in) :: weight
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: x(nlane, ndof)
       real(wp), intent(inout) :: f(nlane, ndof)
-      integer :: i
+      integer :: i, j
 
       if (.not. self%rotates) return
+      if (allocated(self%stiffness)) then
+         do i = 1, ndof
+            do j = 1, ndof
+               if (abs(self%stiffness(i, j)) > 0) &
+                  call add_times(nlane, -weight*self%stiffness(i, j), x(:, j), f(:, i))
+            end do
+         end do
+         return
+      end if
       do i = 1, ndof
          f(:, i) = f(:, i) - weight*self%omega(i)**2*x(:, i)
       end do

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Quadratic parts of H, by their second derivatives, whose flows are exact drifts between kicks."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import WrongShapeError
+from ..native import checks, handles
+
+Split = tuple[tuple[float, ...], ...]  #: rows of second derivatives by q and then by p, (2 dof, 2 dof)
+
+
+def second_derivatives(split: Any, ndof: int) -> Split | None:
+    """A matrix (2 dof, 2 dof) as rows of numbers; None without one."""
+    if split is None:
+        return None
+    values = checks.real_array("split", split)
+    if values.shape != (2 * ndof, 2 * ndof):
+        raise WrongShapeError(
+            f"split has shape {values.shape}: give ({2 * ndof}, {2 * ndof}), second derivatives of a quadratic part of "
+            "H by q and then by p"
+        )
+    return tuple(tuple(float(x) for x in row) for row in values)
+
+
+def handle_with_split(make: Callable[[], Any], split: Split | None) -> Any:
+    """A handle of a user's model that declares a quadratic part of H, or none."""
+    handle = make()
+    rows = None if split is None else (ctypes.c_double * len(split) ** 2)(*itertools.chain(*split))
+    handles.call("model_set_quadratic_part", handle.pointer, rows)
+    return handle

@@ -1,0 +1,193 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The exact flow of a linear field, over the time tau,
+!>
+!>    z' = A z,   z = (q, p)          z <- z + X z,   X = exp(tau A) - 1,   2 ndof rows and columns
+!>
+!> as of a quadratic part D = z.S z/2 of H, A = J S: J S = (S_pq, S_pp; -S_qq, -S_qp), with decays of momenta, or of
+!> oscillators that a matrix of friction couples. X is symplectic to rounding if A = J S.
+!>
+!> X is a Taylor sum for a time tau/2^k and k doublings, X <- 2 X + X X, once for all steps of one size: of every group
+!> of degrees of freedom that A couples by itself, so that no lane multiplies more of them than are coupled. Entries
+!> below rounding are left out, and with them all that is far apart in a long chain.
+module symsde_step_open_linear_flow
+   use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_times
+   use symsde_step_open_matrices, only: multiply, halvings
+   implicit none
+   private
+   public :: linear_flow, new_linear_flow, hamiltonian_field, find_groups
+
+   integer, parameter :: nterm = 13  !! terms of the Taylor sum, for matrices of norm 1/4 at most
+   real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries, as part of the largest of their row of exp(tau A)
+
+   type :: linear_flow
+      private
+      real(wp), allocatable :: field(:, :)       !! A (2 ndof, 2 ndof)
+      integer, allocatable :: group(:)           !! number of the group of each degree of freedom (ndof)
+      real(wp), allocatable :: duration(:)       !! tau of each leg, whose matrix follows (nleg)
+      integer, allocatable :: from(:, :)         !! row i has the entries from(i)+1 .. from(i+1) (2 ndof + 1, nleg)
+      integer, allocatable :: column(:, :)       !! their columns (4 ndof^2, nleg)
+      real(wp), allocatable :: entry(:, :)       !! and values, X (4 ndof^2, nleg)
+   contains
+      procedure :: move
+   end type linear_flow
+
+contains
+
+   !> Allocate for nleg durations of a step.
+   pure subroutine new_linear_flow(self, field, nleg)
+      type(linear_flow), intent(out) :: self
+      real(wp), intent(in) :: field(:, :)   !! A [1/time], rows of q before those of p (2 ndof, 2 ndof)
+      integer, intent(in) :: nleg
+      integer :: n
+
+      n = size(field, 1)
+      self%field = field
+      allocate (self%group(n/2))
+      call find_groups(n/2, field, self%group)
+      allocate (self%duration(nleg), source=0.0_wp)
+      allocate (self%from(n + 1, nleg), self%column(n**2, nleg), source=0)
+      allocate (self%entry(n**2, nleg), source=0.0_wp)
+   end subroutine new_linear_flow
+
+   !> J S, the field of D = z.S z/2.
+   pure function hamiltonian_field(s) result(field)
+      real(wp), intent(in) :: s(:, :)   !! second derivatives, by q and then by p (2 ndof, 2 ndof)
+      real(wp) :: field(size(s, 1), size(s, 1))
+      integer :: n
+
+      n = size(s, 1)/2
+      field(:n, :) = s(n + 1:, :)
+      field(n + 1:, :) = -s(:n, :)
+   end function hamiltonian_field
+
+   !> Number the groups of degrees of freedom that a matrix couples, by q or by p: group(i) is the least number of a
+   !> degree of freedom that is tied to i.
+   pure subroutine find_groups(ndof, a, group)
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: a(2*ndof, 2*ndof)
+      integer, intent(out) :: group(ndof)
+      integer :: i, j, k, first, last
+
+      group = [(i, i=1, ndof)]
+      do j = 1, ndof
+         do i = 1, ndof
+            if (group(i) == group(j)) cycle
+            if (max(abs(a(i, j)), abs(a(ndof + i, j)), abs(a(i, ndof + j)), abs(a(ndof + i, ndof + j))) <= 0) cycle
+            first = min(group(i), group(j))
+            last = max(group(i), group(j))
+            do k = 1, ndof
+               if (group(k) == last) group(k) = first
+            end do
+         end do
+      end do
+   end subroutine find_groups
+
+   !> Move (q + dq, p + dp) over the time tau, leg `leg` of the step.
+   pure subroutine move(self, leg, tau, nlane, ndof, q, p, dq, dp)
+      class(linear_flow), intent(inout) :: self
+      integer, intent(in) :: leg, nlane, ndof
+      real(wp), intent(in) :: tau                                   !! duration with its sign [time]
+      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
+      real(wp) :: z(nlane, 2*ndof)
+      integer :: i, k
+
+      if (abs(tau - self%duration(leg)) > 0) call set_leg(self, leg, tau)
+      z(:, :ndof) = q + dq
+      z(:, ndof + 1:) = p + dp
+      associate (from => self%from(:, leg), column => self%column(:, leg), entry => self%entry(:, leg))
+         do i = 1, ndof
+            do k = from(i) + 1, from(i + 1)
+               call add_times(nlane, entry(k), z(:, column(k)), dq(:, i))
+            end do
+            do k = from(ndof + i) + 1, from(ndof + i + 1)
+               call add_times(nlane, entry(k), z(:, column(k)), dp(:, i))
+            end do
+         end do
+      end associate
+   end subroutine move
+
+   !> Compute X for a leg: group by group, and then its entries row by row. In a row the position and the momentum of
+   !> one degree of freedom stand together.
+   pure subroutine set_leg(self, leg, tau)
+      type(linear_flow), intent(inout) :: self
+      integer, intent(in) :: leg
+      real(wp), intent(in) :: tau
+      real(wp) :: change(size(self%field, 1), size(self%field, 1)), least
+      integer :: ndof, i, j, k, n
+
+      self%duration(leg) = tau
+      ndof = size(self%group)
+      change = 0
+      do i = 1, ndof
+         if (self%group(i) == i) call move_group(ndof, self%group, i, self%field, tau, change)
+      end do
+      n = 0
+      do i = 1, 2*ndof
+         self%from(i, leg) = n
+         least = negligible*max(1.0_wp, maxval(abs(change(i, :))))
+         do j = 1, ndof
+            do k = j, ndof + j, ndof
+               if (abs(change(i, k)) <= least) cycle
+               n = n + 1
+               self%column(n, leg) = k
+               self%entry(n, leg) = change(i, k)
+            end do
+         end do
+      end do
+      self%from(2*ndof + 1, leg) = n
+   end subroutine set_leg
+
+   !> The rows and columns of X that belong to one group.
+   pure subroutine move_group(ndof, group, number, field, tau, change)
+      integer, intent(in) :: ndof, group(ndof), number
+      real(wp), intent(in) :: field(2*ndof, 2*ndof), tau
+      real(wp), intent(inout) :: change(2*ndof, 2*ndof)
+      real(wp), allocatable :: own(:, :), x(:, :)
+      integer :: place(2*ndof), i, j, n
+
+      n = 0
+      do i = 1, 2*ndof
+         if (group(merge(i, i - ndof, i <= ndof)) /= number) cycle
+         n = n + 1
+         place(n) = i
+      end do
+      allocate (own(n, n), x(n, n))
+      do j = 1, n
+         do i = 1, n
+            own(i, j) = field(place(i), place(j))
+         end do
+      end do
+      call exponential_less_one(n, own, tau, x)
+      do j = 1, n
+         do i = 1, n
+            change(place(i), place(j)) = x(i, j)
+         end do
+      end do
+   end subroutine move_group
+
+   !> exp(tau A) - 1.
+   pure subroutine exponential_less_one(n, a, tau, change)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a(n, n), tau
+      real(wp), intent(out) :: change(n, n)
+      real(wp) :: term(n, n), product(n, n), short
+      integer :: k, ndouble
+
+      ndouble = halvings(n, a, tau)
+      short = scale(tau, -ndouble)
+      term = short*a
+      change = term
+      do k = 2, nterm
+         call multiply(n, a, term, product)
+         term = product*(short/k)
+         change = change + term
+      end do
+      do k = 1, ndouble
+         call multiply(n, change, change, product)
+         change = 2*change + product
+      end do
+   end subroutine exponential_less_one
+
+end module symsde_step_open_linear_flow
