@@ -45,6 +45,7 @@ from .native.callbacks import numba_signature, numba_sincos
 from .native.handles import status_text
 from .run.fit import Fit, fit
 from .run.gradient import Gradient, gradient
+from .run.hooks import jax_derivative, jax_function, torch_derivative, torch_function
 from .run.moments import Moments, moments
 from .run.prepared import PreparedRun, prepare
 from .run.report import Report
@@ -120,6 +121,8 @@ __all__ = [
     "fit",
     "gradient",
     "increments",
+    "jax_derivative",
+    "jax_function",
     "level_sampler",
     "load",
     "lyapunov",
@@ -141,5 +144,7 @@ __all__ = [
     "sweep",
     "tangent",
     "thermostat",
+    "torch_derivative",
+    "torch_function",
     "work_precision",
 ]

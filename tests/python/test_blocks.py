@@ -32,7 +32,12 @@ WORDS = {
 }
 NEEDS = dict.fromkeys(("README", "formulas", "formulas-inside", "own-model", "scenes"), ("sympy",))
 NEEDS |= dict.fromkeys(("exit-times", "first-ten-minutes", "project", "results", "scan"), ("sympy", "matplotlib"))
-NEEDS |= {"expect": ("scipy",), "gradients": ("sympy", "scipy"), "beams": ("matplotlib",)}
+NEEDS |= {
+    "expect": ("scipy",),
+    "gradients": ("sympy", "scipy"),
+    "torch-and-jax": ("torch", "jax"),
+    "beams": ("matplotlib",),
+}
 #: The folder for reading a page: this scene, one part of its run, and the user's own functions.
 BASE = """\
 [model]

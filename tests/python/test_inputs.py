@@ -159,6 +159,11 @@ OWN = {
             "truncation": (8, 4.0),
         }
     ],
+    **{
+        f"{package}_function": [{"paths": PATHS, "wrt": ["a"], "common_noise": (1,), "truncation": (8, 4.0)}]
+        for package in ("torch", "jax")
+    },
+    **{f"{package}_derivative": [{"f": lambda t, q, p: q[-1, 0]}] for package in ("torch", "jax")},
     "tangent": [{"paths": PATHS, "wrt": ["a"], "common_noise": (1,), "truncation": (8, 4.0)}],
     "lyapunov": [{"paths": PATHS, "count": 2, "common_noise": (1,), "truncation": (8, 4.0)}],
     "prepare": [
@@ -243,6 +248,8 @@ SUBJECTS = {
 #: methods that only the library calls, or that write and keep nothing
 NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "save", "table", "resume"}
 CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: results that hold seconds
+#: packages that a function needs beyond those of the tests
+PACKAGES = {f"{x}_{kind}": x for x in ("torch", "jax") for kind in ("function", "derivative")}
 RESULTS = (
     "Run Moments PreparedRun LevelSampler OpenRun Sweep schemes.Scheme Scheme FormulaModel open_run load Advice "
     "Alternative Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed "
@@ -446,6 +453,8 @@ LOOKS = {
 
 @pytest.mark.parametrize(("name", "own"), list(cases()))
 def test_nothing_changes_with_the_arguments(name, own):
+    if name in PACKAGES:
+        pytest.importorskip(PACKAGES[name])
     function = dict(public())[name]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
