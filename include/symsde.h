@@ -222,6 +222,10 @@ int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow
  * chin4a and their _strong2 then kick by V and by noises in position, between exact flows of D. H_p = S_pq q + S_pp p is
  * tested; S_qq is a choice, since V is the remainder. NULL takes it back. No run may be using the model */
 int symsde_model_set_quadratic_part(symsde_model model, const double *second, symsde_error *error);
+/* Declare, after a quadratic part D, that H - D and every H_k are functions of the actions (q_i^2 + p_i^2)/2: lattices of
+ * nonlinear Schroedinger equations with noise of phases. Kicks then turn planes (q_i, p_i), as gauss_dkdkd does; schemes
+ * whose brackets ask for functions of q are refused. Tested; on = 0 takes it back. No run may be using the model */
+int symsde_model_set_action_kicks(symsde_model model, int on, symsde_error *error);
 /* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the
  * stiff linear part (NULL: those of model). The functions must read the memory behind user as data alone, since
  * tests that one of the models has passed are not repeated for the other */

@@ -174,6 +174,7 @@ contains
             call take(traits%touches%dof(i))
          end do
       end if
+      call take(merge(1, 0, traits%kicks_of_actions))
       if (allocated(traits%quadratic_part)) then
          do i = 1, size(traits%quadratic_part, 2)
             do j = 1, size(traits%quadratic_part, 1)

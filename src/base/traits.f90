@@ -59,6 +59,9 @@ module symsde_base_traits
       !> known exactly (2 ndof, 2 ndof). The probe tests H_p = S_pq q + S_pp p; S_qq is a choice, as V is the remainder.
       !> Kicks stand between flows of D then. Not allocated = not declared.
       real(wp), allocatable :: quadratic_part(:, :)
+      !> H - D and every H_k are functions of the actions (q_i^2 + p_i^2)/2, in place of functions of q: kicks turn the
+      !> planes (q_i, p_i) then.
+      logical :: kicks_of_actions = .false.
       type(force_traits) :: forces
    contains
       procedure :: correction_vanishes

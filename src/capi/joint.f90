@@ -26,7 +26,8 @@ module symsde_capi_joint
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
    public :: symsde_model_accept_any_lanes, symsde_model_set_derived
    public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative
-   public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part
+   public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part, &
+             symsde_model_set_action_kicks
 
 contains
 
@@ -215,6 +216,29 @@ contains
       if (.not. allocated(refusal)) known%traits = traits
       status = finish(refusal, error)
    end function symsde_model_set_quadratic_part
+
+   !> Declare that what a quadratic part leaves of H, and every noise, are functions of the actions. Refuses built-in
+   !> models (incompatible), and models without a quadratic part (invalid_argument).
+   function symsde_model_set_action_kicks(model, on, error) result(status) bind(c, name='symsde_model_set_action_kicks')
+      type(c_ptr), intent(in), value :: model, error
+      integer(c_int), intent(in), value :: on   !! 0 takes it back
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+      type(model_traits) :: traits
+
+      call find_callback_model(model, known, 'symsde_model_set_action_kicks', refusal)
+      if (.not. allocated(refusal)) then
+         traits = known%traits
+         traits%kicks_of_actions = on /= 0
+         call check_traits('symsde_model_set_action_kicks', known%name, traits, refusal)
+      end if
+      if (.not. allocated(refusal)) then
+         known%traits = traits
+         call known%passed%forget()
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_action_kicks
 
    !> A copy of a model of symsde_model_new whose functions get another user pointer, and whose stiff linear part
    !> has other frequencies [ndof], unless rotation is NULL. Refuses built-in models

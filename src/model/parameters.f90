@@ -72,6 +72,9 @@ contains
       call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
       if (allocated(traits%rotation)) call check_rotation(place, model, traits, error)
       if (allocated(traits%quadratic_part)) call check_quadratic(place, model, traits, error)
+      if (traits%kicks_of_actions .and. .not. allocated(traits%quadratic_part)) &
+         call raise(error, invalid_argument, place, model//'kicks by functions of the actions without a quadratic '// &
+                    'part of H; give the matrix of its second derivatives, which may be zero')
    end subroutine check_traits
 
    !> Refuse a quadratic part that is no symmetric matrix of finite numbers.

@@ -390,6 +390,8 @@ contains
          call refuse('is made of flows of Hamiltonians, of which a force is none')
       else if (task%scheme%frame == frame_shift .and. task%model%traits%forces%noise) then
          call refuse('shifts positions by additive noises, which forces f_k are not')
+      else if (task%model%traits%kicks_of_actions .and. task%scheme%form == splitting_form) then
+         call refuse('kicks by functions of the actions (q_i^2 + p_i^2)/2, which do not commute with a force')
       else if (kicks_alone(task%scheme) .and. .not. task%model%traits%forces%drift_in_position) then
          call refuse('kicks momenta at given positions, and its kicks are exact for forces F(q,t) without p '// &
                      '(declare position_force where that is so)')
@@ -421,13 +423,15 @@ contains
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(error_type), allocatable, intent(inout) :: error
-      character(:), allocatable :: missing
+      character(:), allocatable :: missing, instead
 
       ! `missing` lists the missing traits in the words of the message.
       call find_missing(scheme, model%traits, missing)
       if (.not. allocated(missing)) return
+      instead = scheme%needs%instead
+      if (model%traits%kicks_of_actions) instead = 'gauss_dkdkd, or midpoint'
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &
-                 model%name//' does not declare it: use '//scheme%needs%instead)
+                 model%name//' does not declare it: use '//instead)
    end subroutine check_needs
 
    !> Decide which correction is active: auto means the increments form, or none if it vanishes. A scheme needs a

@@ -115,6 +115,7 @@ MADE = {
     "diagonal_mass": True,
     "rotation": np.array([2.0]),
     "split": np.diag([0.5, 1.0]),
+    "kicks": "positions",
     "bandwidth": 0,
     "separable": True,
     "quadratic": True,

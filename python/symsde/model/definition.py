@@ -19,7 +19,7 @@ from . import built_in, user_handles
 from .forces import given_forces
 from .named import require_names
 from .open_system import OpenSystem, copied, damped_again, forced_again
-from .split import Split, handle_with_split, second_derivatives
+from .split import KICKS, Split, handle_with_split, kicks_of, second_derivatives
 from .traits import FLAGS, Traits, arguments, declared, of_library
 
 #: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
@@ -71,7 +71,9 @@ class Model(OpenSystem):
     ``split`` is a matrix S of second derivatives, (2 dof, 2 dof), by q and then by p. It says H = z.S z/2 + V(q) with
     z = (q, p), and any coupling of q and p. Then ``gauss_dkdkd``, ``verlet_kdk``, ``chin4a`` and their _strong2 take
     the quadratic part exactly, by the matrix exp(h J S), and kick by V and noises in position. H_p is compared with S;
-    S_qq is a choice, since V is what remains.
+    S_qq is a choice, since V is what remains. With ``kicks="actions"`` what remains of H and every H_k are functions of
+    the actions (q_k^2 + p_k^2)/2 instead, as in lattices of nonlinear Schroedinger equations with noise of phases:
+    ``gauss_dkdkd`` then turns every plane (q_k, p_k) by an angle.
 
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0, and touches a
     list of numbers i = 1 .. ndof for each noise, as in [[1], [2], [2, 3]]. With it schemes form nothing over pairs of
@@ -92,6 +94,7 @@ class Model(OpenSystem):
     #: formulas
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _split: Split | None = None  #: second derivatives of a quadratic part of H, as declared to the library
+    _kicks: str = KICKS[0]  #: what kicks beside a quadratic part depend on
     _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
     _hamiltonians: Sequence[str] = ()  #: texts "H = ..", "H_1 = .." if they are known
 
@@ -122,6 +125,7 @@ class Model(OpenSystem):
         silent: Any = (),
         touches: Any = None,
         split: Any = None,
+        kicks: str = KICKS[0],
         accepts_null: bool = False,
         flows: Mapping[str, Any] | None = None,
         any_lanes: bool | None = None,
@@ -144,6 +148,7 @@ class Model(OpenSystem):
             identity_mass=identity_mass, constant_mass=constant_mass, diagonal_mass=diagonal_mass,
         )  # fmt: skip
         parted = second_derivatives(split, traits.ndof)
+        kicks = kicks_of(kicks, parted)
         functions = {
             "gradient": gradient,
             "value": value,
@@ -161,7 +166,8 @@ class Model(OpenSystem):
             any_lanes = callbacks.takes_any_lanes([*functions.values(), *flows.values()])
         any_lanes = checks.flag("any_lanes", any_lanes) and "Python" not in kinds
         derived = checks.flag("derived", derived)
-        given = {**functions, **arguments(traits), "split": parted, "derived": derived, "name": name}
+        given = {**functions, **arguments(traits), "split": parted, "kicks": kicks}
+        given |= {"derived": derived, "name": name}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
         accepts_null = checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
         make = functools.partial(user_handles.of_user, checks.name_of("name", name), traits, functions, accepts_null)
@@ -170,7 +176,8 @@ class Model(OpenSystem):
         if derived:
             make = functools.partial(user_handles.derived, make)
         if parted is not None:
-            make, self._split = functools.partial(handle_with_split, make, parted), parted
+            make = functools.partial(handle_with_split, make, parted, kicks)
+            self._split, self._kicks = parted, kicks
         self._adopt(make, name, {})
         forces = given_forces(
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
@@ -246,7 +253,7 @@ class Model(OpenSystem):
     def _read_traits(self) -> Traits:
         given = handles.new(abi.Traits, "traits")
         self.call("model_traits", ctypes.byref(given))
-        return of_library(given, self._split)
+        return of_library(given, self._split, self._kicks)
 
     def __copy__(self) -> Model:
         """A model never changes: a copy is the model itself."""

@@ -8,10 +8,12 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import WrongShapeError
+from ..errors import InvalidArgumentError, WrongShapeError
 from ..native import checks, handles
 
 Split = tuple[tuple[float, ...], ...]  #: rows of second derivatives by q and then by p, (2 dof, 2 dof)
+
+KICKS = ("positions", "actions")  #: what kicks beside a quadratic part depend on
 
 
 def second_derivatives(split: Any, ndof: int) -> Split | None:
@@ -27,9 +29,21 @@ def second_derivatives(split: Any, ndof: int) -> Split | None:
     return tuple(tuple(float(x) for x in row) for row in values)
 
 
-def handle_with_split(make: Callable[[], Any], split: Split | None) -> Any:
-    """A handle of a user's model that declares a quadratic part of H, or none."""
+def kicks_of(kicks: Any, split: Split | None) -> str:
+    """What kicks depend on, one of KICKS."""
+    chosen = KICKS[checks.choice("kicks", kicks, KICKS)]
+    if chosen != KICKS[0] and split is None:
+        raise InvalidArgumentError(
+            f"kicks = {chosen!r} without split: give split, second derivatives of a quadratic part of H, which may be zero"
+        )
+    return chosen
+
+
+def handle_with_split(make: Callable[[], Any], split: Split | None, kicks: str = KICKS[0]) -> Any:
+    """A handle of a user's model that declares a quadratic part of H and what kicks depend on, or none."""
     handle = make()
     rows = None if split is None else (ctypes.c_double * len(split) ** 2)(*itertools.chain(*split))
     handles.call("model_set_quadratic_part", handle.pointer, rows)
+    if split is not None and kicks == "actions":
+        handles.call("model_set_action_kicks", handle.pointer, 1)
     return handle

@@ -42,6 +42,7 @@ class Traits:
     #: for each noise the degrees of freedom i = 1 .. ndof of which q_i or p_i occur in H_k; None = not declared
     touches: tuple[tuple[int, ...], ...] | None
     split: Split | None  #: second derivatives of a quadratic part of H by (q, p), rows; None = not declared
+    kicks: str  #: beside a split what remains of H, and every H_k, depend on "positions" or on "actions"
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
@@ -50,7 +51,12 @@ class Traits:
     def kicked(self) -> bool:
         """Whether the noise depends on position, and the mass is constant or a quadratic part of H holds the momenta,
         as schemes of drifts and kicks need."""
-        return self.position_noise and (self.identity_mass or self.constant_mass or self.split is not None)
+        return self.position_noise and (self.identity_mass or self.constant_mass or (self.split is not None and not self.turned))
+
+    @property
+    def turned(self) -> bool:
+        """Whether kicks beside a quadratic part are functions of the actions, which turn planes (q_k, p_k)."""
+        return self.split is not None and self.kicks == "actions"
 
     @property
     def acting(self) -> list[int]:
@@ -74,7 +80,7 @@ def declared(*, ndof, nnoise, bandwidth, max_frequency, noise_lipschitz, rotatio
     return traits
 
 
-def of_library(given: abi.Traits, split: Split | None) -> Traits:
+def of_library(given: abi.Traits, split: Split | None, kicks: str) -> Traits:
     """What the library says of a model, whose quadratic part is known here alone."""
     flags = {name: bool(getattr(given, name)) for name in (*FLAGS, *_KNOWN)}
     return Traits(
@@ -87,6 +93,7 @@ def of_library(given: abi.Traits, split: Split | None) -> Traits:
         silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
         touches=_lists_of(given),
         split=split,
+        kicks=kicks,
         **flags,
     )
 

@@ -11,7 +11,7 @@ module symsde_model_probe_mass
    use symsde_model_probe_points, only: probe_points, nlane, npoint, finding, worst, no_verdict
    implicit none
    private
-   public :: compare_mass, compare_quadratic
+   public :: compare_mass, compare_quadratic, compare_turns
 
    real(wp), parameter :: later = 0.37_wp  !! a second time, at which a constant mass must be the same
 
@@ -89,6 +89,37 @@ contains
          end do
       end associate
    end subroutine compare_quadratic
+
+   !> Find a point and a plane where {(q_i^2 + p_i^2)/2, S} = q_i S_p - p_i S_q does not vanish for the probed sum S,
+   !> less the declared quadratic part if `parted`. bad%lane = 0 if there is none; else x is the bracket.
+   subroutine compare_turns(points, parted, tolerance, bad, x)
+      type(probe_points), intent(in) :: points
+      logical, intent(in) :: parted
+      real(wp), intent(in) :: tolerance               !! part of the gradient that counts as rounding
+      type(finding), intent(out) :: bad
+      real(wp), intent(out) :: x
+      real(wp), dimension(nlane, points%ndof) :: hq, hp, bracket, zero
+      real(wp) :: scale(nlane), state(nlane)
+      integer :: i, j
+
+      zero = points%zero
+      x = 0
+      associate (n => points%ndof, s => points%model%traits%quadratic_part, q => points%q, p => points%p)
+         call points%model%gradient(nlane, n, points%nnoise, points%t, points%w, q, p, hq, hp)
+         scale = maxval(abs(hq), dim=2) + maxval(abs(hp), dim=2) + 0*(sum(hq, dim=2) + sum(hp, dim=2))
+         state = maxval(abs(q), dim=2) + maxval(abs(p), dim=2)
+         do j = 1, merge(n, 0, parted)
+            do i = 1, n
+               hq(:, i) = hq(:, i) - s(i, j)*q(:, j) - s(i, n + j)*p(:, j)
+               hp(:, i) = hp(:, i) - s(n + i, j)*q(:, j) - s(n + i, n + j)*p(:, j)
+               scale = max(scale, maxval(abs(s))*state)
+            end do
+         end do
+         bracket = q*hp - p*hq
+         call worst(bracket, zero, scale*state, tolerance, bad)
+         if (bad%lane > 0) x = bracket(bad%lane, bad%i)
+      end associate
+   end subroutine compare_turns
 
    !> Compare velocities with those of the first point, component by component: v_i(p_a) p_1,i - v_i(p_1) p_a,i. The
    !> scale is the sum of both products, each with the largest components.

@@ -17,7 +17,7 @@ module symsde_model_probe_traits
    use symsde_model_probe_damping, only: probe_damping
    use symsde_model_probe_forces, only: probe_forces
    use symsde_model_probe_gradient, only: probe_gradient
-   use symsde_model_probe_mass, only: compare_mass, compare_quadratic
+   use symsde_model_probe_mass, only: compare_mass, compare_quadratic, compare_turns
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, worst, &
                                         largest_entry
    use symsde_model_probe_rows, only: probe_rows
@@ -107,7 +107,11 @@ contains
 
       if (allocated(error)) return
       if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, error)
-      if (k == 0 .and. allocated(traits%quadratic_part)) call probe_quadratic_part(points, error)
+      if (traits%kicks_of_actions) then
+         call probe_turns(points, k, error)
+      else if (k == 0 .and. allocated(traits%quadratic_part)) then
+         call probe_quadratic_part(points, error)
+      end if
       if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
       if (k > 0 .and. traits%additive) call probe_additive(points, error)
       if (traits%separable) call probe_separable(points, error)
@@ -159,6 +163,21 @@ contains
                     to_text(x)//' at '//points%place(bad%lane, bad%i, bad%i)//'; give the second derivatives of H '// &
                     'by p, and by q and p, or declare none')
    end subroutine probe_quadratic_part
+
+   !> What a declared quadratic part leaves of H, and every noise, must be a function of the actions.
+   subroutine probe_turns(points, k, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: k  !! number of the sum; 0 is H
+      type(error_type), allocatable, intent(inout) :: error
+      type(finding) :: bad
+      real(wp) :: x
+
+      if (allocated(error)) return
+      call compare_turns(points, k == 0, vanishing, bad, x)
+      if (bad%lane > 0) call refuse(points, 'kicks', '{(q^2 + p^2)/2, '//points%sum_name// &
+                                    trim(merge(' - D', '    ', k == 0))//'} of degree of freedom '//to_text(bad%i), x, &
+                                    bad%lane, bad%i, bad%i, error)
+   end subroutine probe_turns
 
    !> Noises declared silent must have zero gradient, H_k = 0; if a sum has several noises, the sum of the silent ones
    !> is tested.

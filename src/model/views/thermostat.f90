@@ -140,6 +140,10 @@ contains
 
       self%name = inner%name
       self%traits = inner%traits
+      if (inner%traits%kicks_of_actions) then  ! as the noises of the bath are none
+         self%traits%kicks_of_actions = .false.
+         deallocate (self%traits%quadratic_part)
+      end if
       self%forces => inner%forces
       associate (n => inner%traits%ndof, m => inner%traits%nnoise)
          ! H_k = 0 is linear too, and depends on q alone.

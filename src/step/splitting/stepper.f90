@@ -17,6 +17,7 @@ module symsde_step_splitting_stepper
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights, add_product
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
+   use symsde_step_splitting_turns, only: action_turns, new_action_turns
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_open_matrices, only: add_matrix => add_product
    use symsde_step_stepper, only: stepper_type, stepper_task
