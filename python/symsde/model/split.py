@@ -34,7 +34,8 @@ def kicks_of(kicks: Any, split: Split | None) -> str:
     chosen = KICKS[checks.choice("kicks", kicks, KICKS)]
     if chosen != KICKS[0] and split is None:
         raise InvalidArgumentError(
-            f"kicks = {chosen!r} without split: give split, second derivatives of a quadratic part of H, which may be zero"
+            f"kicks = {chosen!r} without split: give split, second derivatives of a quadratic part of H, which may be "
+            "zero"
         )
     return chosen
 

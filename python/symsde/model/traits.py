@@ -51,7 +51,8 @@ class Traits:
     def kicked(self) -> bool:
         """Whether the noise depends on position, and the mass is constant or a quadratic part of H holds the momenta,
         as schemes of drifts and kicks need."""
-        return self.position_noise and (self.identity_mass or self.constant_mass or (self.split is not None and not self.turned))
+        drifts = self.identity_mass or self.constant_mass or (self.split is not None and not self.turned)
+        return self.position_noise and drifts
 
     @property
     def turned(self) -> bool:
