@@ -59,6 +59,7 @@ VALUES = {
     "p": 0.1 * STATE,
     "w": np.array([1.0, 0.5]),
     "t": 0.5,
+    "by": "tangent",
     "step": 0.05,
     "steps": STEPS,
     "horizon": 0.5,

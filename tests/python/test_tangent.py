@@ -92,6 +92,37 @@ def test_noisy_frequency():
     assert abs(wrong.exponents[0] - exact) > 4 * wrong.se[0] + 0.005 * exact
 
 
+@pytest.mark.parametrize(("omega", "s", "exact"), [(0.0, 1.0, 0.28931), (1.0, 0.4, 0.0199)])
+def test_strong_and_weak_noise(omega, s, exact):
+    """q'' = -omega^2 q - s q o dW/dt, by Airy functions: lambda = a D'(x)/(2 D(x)), D = Ai^2 + Bi^2, a = (s^2/2)^(1/3),
+    x = -(omega/a)^2, since the integrals over the density of p/q are D and D' (DLMF 9.11.4). Without a spring that is
+    (6 s^2)^(1/3) Gamma(1/2)/(2 Gamma(1/6)), with weak noise s^2/(8 omega^2). Fails once in 16,000 seeds.
+    """
+    special = pytest.importorskip("scipy.special")
+    a = (s**2 / 2) ** (1 / 3)
+    ai, ai1, bi, bi1 = special.airy(-((omega / a) ** 2))
+    known = a * (ai * ai1 + bi * bi1) / (ai**2 + bi**2)
+    assert abs(known - exact) < 5e-5
+    if not omega:
+        assert abs(known - (6 * s**2) ** (1 / 3) * special.gamma(0.5) / special.gamma(1 / 6) / 2) < 1e-14
+    model = ss.model_from_sympy("p**2/2 + w*q**2/2", ["s*q**2/2"], params={"w": omega**2, "s": s})
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.04, "steps": 5000, "paths": 200, "seed": 8, "scheme": "midpoint"}
+    found = ss.lyapunov(model, **run)
+    assert abs(found.exponents[0] - known) < 4 * found.se[0] + 0.005 * known
+    assert found.se[0] < 0.04 * known
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint"])
+def test_exponent_of_a_saddle(scheme):
+    """A pendulum that stands on its head: the exponent of the map is 2/h asinh(h/2) or 2/h atanh(h/2), at k = 1. The
+    growth between two times knows nothing of the beginning."""
+    model = ss.model_from_sympy("p**2/2 - k*cos(q)", params={"k": 1.0})
+    run = {"q0": np.pi, "p0": 0.0, "step": 0.2, "scheme": scheme}
+    early, late = (ss.lyapunov(model, **run, steps=n).by_path[:, 0] * n for n in (80, 120))
+    rate = {"stormer_verlet": np.arcsinh, "midpoint": np.arctanh}[scheme](0.1) / 0.1
+    np.testing.assert_allclose((late - early) / 40, [rate, -rate], rtol=1e-9)
+
+
 def test_sums_of_exponents():
     """With one rate of damping the exponents sum to -gamma ndof; the largest is the same if only one is asked for."""
     run = RUN | {"steps": 800, "scheme": "midpoint"}
