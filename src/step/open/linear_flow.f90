@@ -8,10 +8,11 @@
 !>
 !> X is a Taylor sum for a time tau/2^k and k doublings, X <- 2 X + X X, once for all steps of one size: of every group
 !> of degrees of freedom that A couples by itself, so that no lane multiplies more of them than are coupled. Entries
-!> below rounding are left out, and with them all that is far apart in a long chain.
+!> below rounding are left out, and with them all that is far apart in a long chain. Four rows that share most of their
+!> columns are multiplied together, since a lane is loaded once for all of them.
 module symsde_step_open_linear_flow
    use symsde_base_kinds, only: wp
-   use symsde_base_vectors, only: add_times
+   use symsde_base_vectors, only: add_times, copy
    use symsde_step_open_matrices, only: multiply, halvings
    implicit none
    private
@@ -19,6 +20,16 @@ module symsde_step_open_linear_flow
 
    integer, parameter :: nterm = 13  !! terms of the Taylor sum, for matrices of norm 1/4 at most
    real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries, as part of the largest of their row of exp(tau A)
+
+   integer, parameter :: together = 4  !! rows, and columns, of one pass over the lanes
+
+   !> Rows of X, and the columns in which some of them have an entry.
+   type :: row_group
+      integer :: nrow = 0
+      integer :: row(together) = 0
+      integer, allocatable :: column(:)     !! (column)
+      real(wp), allocatable :: entry(:, :)  !! X (together, column)
+   end type row_group
 
    type :: linear_flow
       private
@@ -28,6 +39,7 @@ module symsde_step_open_linear_flow
       integer, allocatable :: from(:, :)         !! row i has the entries from(i)+1 .. from(i+1) (2 ndof + 1, nleg)
       integer, allocatable :: column(:, :)       !! their columns (4 ndof^2, nleg)
       real(wp), allocatable :: entry(:, :)       !! and values, X (4 ndof^2, nleg)
+      type(row_group), allocatable :: groups(:, :)  !! the same by rows that are multiplied together (ndof/2 + 1, nleg)
    contains
       procedure :: move
    end type linear_flow
@@ -48,6 +60,7 @@ contains
       allocate (self%duration(nleg), source=0.0_wp)
       allocate (self%from(n + 1, nleg), self%column(n**2, nleg), source=0)
       allocate (self%entry(n**2, nleg), source=0.0_wp)
+      allocate (self%groups((n + together - 1)/together, nleg))
    end subroutine new_linear_flow
 
    !> J S, the field of D = z.S z/2.
@@ -90,22 +103,35 @@ contains
       real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
-      real(wp) :: z(nlane, 2*ndof)
-      integer :: i, k
+      real(wp) :: z(nlane, 2*ndof), moved(nlane, together)
+      integer :: g, i, k
 
       if (abs(tau - self%duration(leg)) > 0) call set_leg(self, leg, tau)
       z(:, :ndof) = q + dq
       z(:, ndof + 1:) = p + dp
-      associate (from => self%from(:, leg), column => self%column(:, leg), entry => self%entry(:, leg))
-         do i = 1, ndof
-            do k = from(i) + 1, from(i + 1)
-               call add_times(nlane, entry(k), z(:, column(k)), dq(:, i))
+      do g = 1, size(self%groups, 1)
+         associate (rows => self%groups(g, leg))
+            do i = 1, rows%nrow
+               if (rows%row(i) <= ndof) call copy(nlane, dq(:, rows%row(i)), moved(:, i))
+               if (rows%row(i) > ndof) call copy(nlane, dp(:, rows%row(i) - ndof), moved(:, i))
             end do
-            do k = from(ndof + i) + 1, from(ndof + i + 1)
-               call add_times(nlane, entry(k), z(:, column(k)), dp(:, i))
+            if (rows%nrow < together) moved(:, rows%nrow + 1:) = 0
+            do k = 1, size(rows%column) - together + 1, together
+               call add_columns(nlane, rows%entry(:, k:k + together - 1), z(:, rows%column(k)), &
+                                z(:, rows%column(k + 1)), z(:, rows%column(k + 2)), z(:, rows%column(k + 3)), &
+                                moved(:, 1), moved(:, 2), moved(:, 3), moved(:, 4))
             end do
-         end do
-      end associate
+            do k = k, size(rows%column)
+               do i = 1, rows%nrow
+                  call add_times(nlane, rows%entry(i, k), z(:, rows%column(k)), moved(:, i))
+               end do
+            end do
+            do i = 1, rows%nrow
+               if (rows%row(i) <= ndof) call copy(nlane, moved(:, i), dq(:, rows%row(i)))
+               if (rows%row(i) > ndof) call copy(nlane, moved(:, i), dp(:, rows%row(i) - ndof))
+            end do
+         end associate
+      end do
    end subroutine move
 
    !> Compute X for a leg: group by group, and then its entries row by row. In a row the position and the momentum of
@@ -137,7 +163,53 @@ contains
          end do
       end do
       self%from(2*ndof + 1, leg) = n
+      call find_rows(2*ndof, change, self%groups(:, leg))
    end subroutine set_leg
+
+   !> Form groups of rows: a row takes those with the fewest entries in further columns, as rows of a band beside each
+   !> other, and rows of q and p that hop to every second site.
+   pure subroutine find_rows(n, change, groups)
+      integer, intent(in) :: n
+      real(wp), intent(inout) :: change(n, n)   !! X; entries that are left out become zero
+      type(row_group), intent(inout) :: groups(:)
+      logical :: there(n, n), taken(n), union(n)
+      integer :: g, i, j, k, next, fewest, cost
+
+      do i = 1, n
+         there(:, i) = abs(change(i, :)) > negligible*max(1.0_wp, maxval(abs(change(i, :))))
+      end do
+      taken = .false.
+      do g = 1, size(groups)
+         associate (rows => groups(g))
+            rows%nrow = 0
+            union = .false.
+            do k = 1, together
+               next = 0
+               fewest = huge(fewest)
+               do i = 1, n
+                  if (taken(i)) cycle
+                  cost = count(there(:, i) .neqv. union)
+                  if (cost >= fewest .and. next > 0) cycle
+                  next = i
+                  fewest = cost
+                  if (k == 1) exit
+               end do
+               if (next == 0) exit
+               taken(next) = .true.
+               union = union .or. there(:, next)
+               rows%nrow = k
+               rows%row(k) = next
+            end do
+            rows%column = pack([(j, j=1, n)], union)
+            rows%entry = spread([(0.0_wp, j=1, together)], 2, size(rows%column))
+            do k = 1, rows%nrow
+               do j = 1, size(rows%column)
+                  if (there(rows%column(j), rows%row(k))) rows%entry(k, j) = change(rows%row(k), rows%column(j))
+               end do
+            end do
+         end associate
+      end do
+   end subroutine find_rows
 
    !> The rows and columns of X that belong to one group.
    pure subroutine move_group(ndof, group, number, field, tau, change)
@@ -189,5 +261,36 @@ contains
          change = 2*change + product
       end do
    end subroutine exponential_less_one
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC Add four columns of a matrix, times x of each, to four rows, one product after the other.
+   pure subroutine add_columns(n, e, x1, x2, x3, x4, y1, y2, y3, y4)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: e(together, together)   !! e(row, column)
+      real(wp), intent(in), dimension(n) :: x1, x2, x3, x4
+      real(wp), intent(inout), dimension(n) :: y1, y2, y3, y4
+      real(wp) :: a1, a2, a3, a4
+      integer :: i
+
+      do i = 1, n
+         a1 = y1(i) + e(1, 1)*x1(i)
+         a2 = y2(i) + e(2, 1)*x1(i)
+         a3 = y3(i) + e(3, 1)*x1(i)
+         a4 = y4(i) + e(4, 1)*x1(i)
+         a1 = a1 + e(1, 2)*x2(i)
+         a2 = a2 + e(2, 2)*x2(i)
+         a3 = a3 + e(3, 2)*x2(i)
+         a4 = a4 + e(4, 2)*x2(i)
+         a1 = a1 + e(1, 3)*x3(i)
+         a2 = a2 + e(2, 3)*x3(i)
+         a3 = a3 + e(3, 3)*x3(i)
+         a4 = a4 + e(4, 3)*x3(i)
+         y1(i) = a1 + e(1, 4)*x4(i)
+         y2(i) = a2 + e(2, 4)*x4(i)
+         y3(i) = a3 + e(3, 4)*x4(i)
+         y4(i) = a4 + e(4, 4)*x4(i)
+      end do
+   end subroutine add_columns
 
 end module symsde_step_open_linear_flow
