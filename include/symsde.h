@@ -569,6 +569,13 @@ int symsde_run_state(symsde_run run, symsde_state *state, symsde_error *error);
 /* counters and seconds of all calls, and the outcome of the last one; warnings assume a million steps */
 int symsde_run_report(symsde_run run, symsde_report *report, symsde_error *error);
 int symsde_run_delete(symsde_run *run);
+/* Initial states drawn from a law: q, p[ndof][paths] of the paths first_path .. first_path + paths - 1 are the rows of
+ * centre[2*ndof] + factor[2*ndof][2*ndof] z, those of q before those of p; z are standard normal numbers, or uniform
+ * ones between -1 and 1. With columns = 1 coordinates are independent, and factor[2*ndof] their deviations. A path's z
+ * depend on seed, stream (0 .. 63; 0 for states), path and degree of freedom alone, and on no noise of a run. */
+enum symsde_law { SYMSDE_NORMAL_STATES = 1, SYMSDE_UNIFORM_STATES = 2 };
+int symsde_draw_states(int law, uint64_t seed, int stream, int64_t first_path, int64_t paths, int ndof, int columns,
+                       const double *centre, const double *factor, double *q, double *p, symsde_error *error);
 /* t[ntime] of the saved points of a run with these options, as symsde_simulate saves them */
 int symsde_saved_times(const symsde_options *options, double *t, symsde_error *error);
 /* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: for any

@@ -68,6 +68,7 @@ module symsde
    use symsde_scheme_orders, only: order_type, additive_noise, commutative_noise, general_noise, commuting_flows, &
                                    weak_order, evidence_none, evidence_claimed, evidence_derived
    ! runs
+   use symsde_noise_states, only: draw_states, normal_states, uniform_states
    use symsde_base_counters, only: counters_type
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_statistics_merge, only: merge_moments, moment_errors

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable
 from types import ModuleType
 
-from . import diagnose, errors, models, observe, schemes
+from . import diagnose, errors, models, observe, schemes, states
 from .answers.advice.advise import Advice, advise
 from .answers.coupled import LevelSampler, level_sampler
 from .answers.expectation.answer import Alternative, Answer, Multilevel
@@ -139,6 +139,7 @@ __all__ = [
     "schemes",
     "selftest",
     "simulate",
+    "states",
     "status_text",
     "step",
     "sweep",

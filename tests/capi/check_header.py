@@ -149,6 +149,7 @@ def read_sources(root):
         root / "src/base/area_rule.f90",
         root / "src/base/damping.f90",
         root / "src/base/status.f90",
+        root / "src/noise/states.f90",
         root / "src/scheme/scheme.f90",
         root / "src/scheme/orders.f90",
         root / "src/ensemble/observe/moment_collector.f90",

@@ -486,7 +486,33 @@ static void test_counters_of_hard_steps(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* drawn states: rows of the factor, any part of the paths, and refusals */
+static void test_draw_states(void) {
+   enum { N = 300, PART = 40 };
+   static double q[2][N], p[2][N], z[2][N], y[2][N], part[2][PART], of_p[2][PART];
+   const double centre[4] = {1, 2, 3, 4}, one[4] = {1, 1, 1, 1}, zero[4] = {0, 0, 0, 0};
+   const double factor[16] = {2, 0, 0, 0, 0, 1, 0, 0, 0.5, 0, 3, 0, 0, 0, 0, 1}; /* p_1 = 3 + q_1's z/2 + 3 z */
+   const uint64_t seed = 0x8000000000000005u;
+
+   OK(symsde_draw_states(SYMSDE_NORMAL_STATES, seed, 0, 256, N, 2, 1, zero, one, z[0], y[0], &error));
+   OK(symsde_draw_states(SYMSDE_NORMAL_STATES, seed, 0, 256, N, 2, 4, centre, factor, q[0], p[0], &error));
+   for (int i = 0; i < N; i++) {
+      CHECK(fabs(q[0][i] - (1 + 2 * z[0][i])) < 1e-14 && fabs(q[1][i] - (2 + z[1][i])) < 1e-14);
+      CHECK(fabs(p[0][i] - (3 + 0.5 * z[0][i] + 3 * y[0][i])) < 1e-13 && fabs(p[1][i] - (4 + y[1][i])) < 1e-14);
+   }
+   OK(symsde_draw_states(SYMSDE_NORMAL_STATES, seed, 0, 300, PART, 2, 4, centre, factor, part[0], of_p[0], &error));
+   CHECK(memcmp(part[1], &q[1][44], sizeof part[1]) == 0 && memcmp(of_p[0], &p[0][44], sizeof of_p[0]) == 0);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "law = 3", symsde_draw_states(3, 1, 0, 0, N, 2, 1, zero, one, q[0], p[0], &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "columns = 2",
+          symsde_draw_states(SYMSDE_UNIFORM_STATES, 1, 0, 0, N, 2, 2, zero, one, q[0], p[0], &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "negative",
+          symsde_draw_states(SYMSDE_UNIFORM_STATES, 1, 0, 0, -1, 2, 1, zero, one, q[0], p[0], &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "p is NULL",
+          symsde_draw_states(SYMSDE_UNIFORM_STATES, 1, 0, 0, N, 2, 1, zero, one, q[0], NULL, &error));
+}
+
 int main(void) {
+   test_draw_states();
    test_simulate();
    test_resume();
    test_moments();

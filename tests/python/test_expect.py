@@ -336,7 +336,9 @@ def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
     """A requested method is used, although one step of the ladder would be enough here."""
     answer = ss.expect(nonlinear, "q**2", **PLACE, abs=0.5, method="multilevel", scheme="gauss_dkdkd")
     assert answer.method == "multilevel" and answer.reached
-    with pytest.raises(ss.errors.NumericalError, match="antithetic needs noise, no truncation, and a scheme that"):
+    with pytest.raises(
+        ss.errors.NumericalError, match="antithetic needs noise, one initial state, no truncation, and a scheme that"
+    ):
         ss.expect(nonlinear, "q", **PLACE, abs=1e-2, method="antithetic", scheme="chin4a")
 
 

@@ -222,6 +222,23 @@ OWN = {
             "guess_p": np.ones((STEPS + 1, 1, 3)),
         }
     ],
+    "states.normal": [{"mean": np.array([0.5]), "sd": np.array([0.2])}, {"cov": np.array([[1.0, 0.5], [0.5, 2.0]])}],
+    "states.uniform": [{"low": np.array([-1.0]), "high": np.array([2.0])}],
+    "states.matched": [
+        {
+            "emittance": np.array([0.1]),
+            "beta": np.array([2.0]),
+            "alpha": np.array([0.3]),
+            "q": np.array([0.1]),
+            "p": 0.1,
+        }
+        | {"step": OMITTED, "scheme": OMITTED},
+        {"emittance": 0.1, "beta": OMITTED, "alpha": OMITTED, "q": 0.0, "p": 0.0},
+    ],
+    "states.canonical": [{"beta": 2.0}],
+    "states.formula": [{"variables": {"a": 2.0, "b": ss.states.normal(0.0, 1.0)}, "q": ["a*b"], "p": ["b"]}],
+    "states.table": [{"rows": np.arange(6.0).reshape(3, 2), "drawn": True}],
+    "States.draw": [{"letters": "qp", "first_path": 3}],
     "observe.Histogram": [{"of": "q_1", "low": -1.0, "high": 1.0, "bins": 4}],
     "observe.Quantiles": [{"of": "q_1", "shares": np.array([0.2, 0.5])}],
     "observe.Covariance": [{"of": ["q_1", "p_1"]}],
@@ -245,23 +262,24 @@ SUBJECTS = {
     "Model": lambda: KUBO,
     "FormulaModel": lambda: FORMULA,
     "PreparedRun": prepared,
+    "States": lambda: ss.states.normal(0.5, 0.2),
     "LevelSampler": lambda: ss.level_sampler(KUBO, "q**2", **ONE_STATE, horizon=0.5, steps=4),
 }
 #: methods that only the library calls, or that write and keep nothing
-NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "save", "table", "resume"}
+NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "told", "save", "table", "resume"}
 CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: results that hold seconds
 #: packages that a function needs beyond those of the tests
 PACKAGES = {f"{x}_{kind}": x for x in ("torch", "jax") for kind in ("function", "derivative")}
 RESULTS = (
     "Run Moments PreparedRun LevelSampler OpenRun Sweep schemes.Scheme Scheme FormulaModel open_run load Advice "
     "Alternative Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed "
-    "observe.Observer"
+    "observe.Observer states.States"
 )
 
 
 def public():
     """Names and functions of all public callables with arguments."""
-    modules = ("models", "schemes", "diagnose", "observe")
+    modules = ("models", "schemes", "diagnose", "observe", "states")
     for prefix, where in {"": ss, **{f"{x}.": getattr(ss, x) for x in modules}}.items():
         own = [
             x for x, thing in vars(where).items() if getattr(thing, "__module__", "") == where.__name__ and x[0] != "_"
@@ -273,7 +291,7 @@ def public():
             if callable(thing) and not made and prefix + name not in RESULTS.split() and name != "Certificate":
                 yield prefix + name, thing
     for name in SUBJECTS:
-        for method, thing in inspect.getmembers(getattr(ss, name), callable):
+        for method, thing in inspect.getmembers(type(SUBJECTS[name]()), callable):
             inherited = name == "FormulaModel" and method not in vars(ss.FormulaModel)
             if (method[0] != "_" or method == "__call__") and method not in NOT_CALLED and not inherited:
                 yield f"{name}.{method}", thing
@@ -437,8 +455,14 @@ def observer_seen(observer):
     return [repr(observer), hash(observer), moments_seen(found)]
 
 
+def law_seen(law):
+    """Numbers of a law, and states that it draws."""
+    return [seen(law.told()), seen(law.draw(KUBO, PATHS)), seen(ss.simulate(KUBO, q0=law, p0=law, step=0.1, steps=2).q)]
+
+
 LOOKS = {
     ss.Model: model_seen,
+    ss.states.States: law_seen,
     ss.Run: run_seen,
     ss.Moments: moments_seen,
     ss.Sweep: sweep_seen,

@@ -18,7 +18,9 @@ from ..model.definition import Model
 from ..native import checks
 from ..run import provenance
 from ..run.moments import try_out
+from ..run.setup import make_setup
 from ..run.simulate import simulate
+from ..run.states.law import States
 from ..schemes import Scheme, as_scheme
 from .coupled import halvings
 
@@ -159,6 +161,7 @@ def make_plan(
             f"repeats = {repeats} is too few for a median with its spread: give at least {LEAST_REPEATS}"
         )
     named = getattr(model, "name", "model") if name is None else name
+    q0, p0 = _drawn(model, q0, p0, paths, options)
     plan = Plan(
         model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval),
         q0=checks.own(q0), p0=checks.own(p0), options={key: checks.fixed(x) for key, x in options.items()},
@@ -171,6 +174,15 @@ def make_plan(
         plan.references[scheme.name] = _reference(plan, scheme, reference, reference_steps)
     plan.draws = max([counts[-1], *(r.steps for r in plan.references.values())])
     return plan
+
+
+def _drawn(model: Model, q0: Any, p0: Any, paths: int, options: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Initial states with arrays (dof, path) in the place of laws: all runs of a study begin at them."""
+    if not (isinstance(q0, States) or isinstance(p0, States)):
+        return q0, p0
+    given = {key: options[key] for key in ("seed", "t0") if key in options}
+    setup = make_setup(model, q0=q0, p0=p0, step=1.0, steps=0, paths=check_paths(paths, None), **given)
+    return setup.q0, setup.p0
 
 
 def _invariants(given: object) -> dict[str, Any]:

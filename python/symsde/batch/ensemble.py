@@ -25,6 +25,7 @@ from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
 from ..run.report import warn_of_growth
 from ..run.setup import RunOptions, Setup, make_setup
+from ..run.states.law import States
 from . import computed, manifest, numerics
 from .dispatch import Context, dispatch
 from .execute import Task
@@ -180,10 +181,10 @@ def _kept(
     if out is None:
         yield None
         return
-    start = computed.Start(setup.q0[:, :1], setup.p0[:, :1], setup.options.t0, setup.options.step * setup.options.steps)
+    start = computed.Start(*setup.first_state(), setup.options.t0, setup.options.step * setup.options.steps)
     functions = {name: x for name, x in task.observables.items() if callable(x)}
     formulas = {name: str(x) for name, x in task.observables.items() if not callable(x)}
-    arrays = {name: getattr(setup, name) for name in ("q0", "p0", "q0_low", "p0_low", "increments")}
+    arrays = setup.start() | {name: getattr(setup, name) for name in ("q0_low", "p0_low", "increments")}
     inputs = {
         "ensemble": json.loads(setup.attributes()["options"]),
         "arrays": {name: _hash(x) for name, x in arrays.items() if x is not None},
@@ -198,8 +199,10 @@ def _kept(
         yield folder
 
 
-def _hash(array: np.ndarray) -> str:
-    """The shape of an array, and a hash of its numbers."""
+def _hash(array: np.ndarray | States) -> str:
+    """The shape of an array, and a hash of its numbers; a law as text."""
+    if isinstance(array, States):
+        return json.dumps(array.told())
     return f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array, '<f8').tobytes()).hexdigest()[:16]}"
 
 

@@ -64,7 +64,7 @@ class RunFolder:
             self = cls(target, record, pieces)
             if scene is not None:
                 files.write_durably(target / "scene.toml", Path(scene.file).read_bytes())
-                for name, source in manifest.python_sources(scene):
+                for name, source in manifest.files_beside(scene):
                     (target / name).parent.mkdir(parents=True, exist_ok=True)
                     parts.sweep((target / name).parent)
                     files.write_durably(target / name, source.read_bytes())

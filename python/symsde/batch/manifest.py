@@ -15,6 +15,8 @@ from ..native import checks, files
 from ..native.build import build_info
 from ..run.setup import make_setup
 from ..run.simulate import simulate
+from ..run.states import named
+from ..run.states.law import States
 from . import computed, named_functions, numerics
 from .pieces import is_size
 from .scene import RUN_KEYS, Scene
@@ -33,7 +35,7 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})
     setup = make_setup(scene.model, **scene.run)
-    start = computed.Start(setup.q0[:, :1], setup.p0[:, :1], float(run["t0"]), run["step"] * run["steps"])
+    start = computed.Start(*setup.first_state(), float(run["t0"]), run["step"] * run["steps"])
     functions = {name: x for name, x in scene.observables.items() if callable(x)}
     inputs["computed"] = _plain(computed.of(scene.model, setup.scheme, start, functions))
     if own := {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in python_sources(scene)}:
@@ -68,8 +70,17 @@ def python_sources(scene: Scene) -> list[tuple[str, Path]]:
     return list(named_functions.sources(Path(scene.file).parent, scene.tables))
 
 
+def files_beside(scene: Scene) -> list[tuple[str, Path]]:
+    """These files, and tables of initial states, which the folder of a run keeps as well."""
+    folder = Path(scene.file).parent
+    tables = [x["rows"] for x in named.tables_of(scene.tables["run"]) if not Path(x["rows"]).is_absolute()]
+    return [*python_sources(scene), *((name, folder / name) for name in dict.fromkeys(tables))]
+
+
 def _plain(value):
     """Write equal numbers in the same way: 1.0 and 1 are the same input."""
+    if isinstance(value, States):
+        return _plain(value.told())
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

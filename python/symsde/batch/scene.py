@@ -25,6 +25,7 @@ from ..run.moments import Moments, try_out
 from ..run.observers import observables, requests
 from ..run.setup import make_setup
 from ..run.simulate import Run, simulate
+from ..run.states.named import from_table
 from . import named_functions
 
 _NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
@@ -71,7 +72,8 @@ class Scene:
     def start(self) -> dict[str, Any]:
         """The options of the run, for one path and no step."""
         setup = make_setup(self.model, **self.run)
-        return {**self.run, "steps": 0, "paths": 1, "q0": setup.q0[:, :1], "p0": setup.p0[:, :1]}
+        q, p = setup.first_state()
+        return {**self.run, "steps": 0, "paths": 1, "q0": q, "p0": p}
 
 
 def load(path: str | os.PathLike) -> Scene:
@@ -85,11 +87,11 @@ def load(path: str | os.PathLike) -> Scene:
     for name, table in tables.items():
         if name != "observe" and not isinstance(table, dict):
             raise SceneError(f"{file}: {name} is not a table: write it as [{name}] with keys below")
-    run = dict(tables["run"])
+    run = _with_laws(file, dict(tables["run"]))
     _known(file, "key of [run]", run, RUN_KEYS)
     for key in _REQUIRED:
         if key not in run:
-            raise SceneError(f"{file}: [run] lacks {key}: give step, steps, q0 and p0")
+            raise SceneError(f"{file}: [run] lacks {key}: give step, steps, q0 and p0, or initial for both")
     output = dict(tables.get("output", {}))
     _known(file, "key of [output]", output, OUTPUT_KEYS)
     wants_moments = output.get("moments", True)
@@ -113,6 +115,30 @@ def load(path: str | os.PathLike) -> Scene:
     except SymsdeError as error:
         raise SceneError(f"{file}: [output] paths: {error}") from error
     return scene
+
+
+def _with_laws(file: str, run: dict[str, Any]) -> dict[str, Any]:
+    """The table [run] with laws of initial states in the place of tables; initial = {..} is the law of q0 and p0."""
+    try:
+        if "initial" in run:
+            if given := [x for x in ("q0", "p0") if x in run]:
+                raise InvalidArgumentError(
+                    f"initial is the law of q0 and p0, and {given[0]} is there, too: leave one out"
+                )
+            if not isinstance(run["initial"], dict):
+                raise InvalidArgumentError(
+                    f"initial = {checks.shown(run['initial'])}: give a law of q0 and p0, as "
+                    '{law = "normal", sd = 0.1}, or q0 and p0'
+                )
+            run["q0"] = run["p0"] = run.pop("initial")
+        laws = {}
+        for key in ("q0", "p0"):
+            if isinstance(run.get(key), dict):
+                laws[id(run[key])] = laws.get(id(run[key])) or from_table(run[key], Path(file).parent)
+                run[key] = laws[id(run[key])]
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [run]: {error}") from error
+    return run
 
 
 def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:

@@ -84,7 +84,7 @@ def given_of(scene: Scene, stem: str) -> Given:
         raise InvalidArgumentError(
             f"{scene.file}: parameters of model {model.name} go by path, and a program holds one value of each"
         )
-    if setup.q0.shape[1] != 1 or setup.p0.shape[1] != 1:
+    if any(np.shape(x)[1:] != (1,) for x in setup.start().values()):
         raise InvalidArgumentError(
             f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"
         )

@@ -399,6 +399,7 @@ FUNCTIONS = {
     "run_state": (_handle, POINTER(State), _error),
     "run_report": (_handle, POINTER(Report), _error),
     "run_delete": (_handle_out,),
+    "draw_states": (c_int, c_uint64, c_int, c_int64, c_int64, c_int, c_int, *_arrays(4), _error),
     "increments": (*_run, c_void_p, _error),
     "symplecticity": (*_run, c_int64, c_void_p, c_void_p, c_void_p, c_void_p, _error),
     "discrete_action": _residual,

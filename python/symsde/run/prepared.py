@@ -18,8 +18,9 @@ from ..native.progress import Monitor, Progress
 from ..native.signals import carry, held
 from ..schemes import Scheme
 from .report import Report, filled, make_report, warn_of_growth
-from .setup import PathOptions, Setup, increments_array, make_setup
+from .setup import PathOptions, Setup, increments_array, kind_of_setup, make_setup
 from .simulate import Run
+from .states.law import States
 
 _DECIDED = dict.fromkeys(("steps", "save_every", "increments", "progress"), "give it to the run's methods")
 _OK = (abi.OK, abi.STOPPED, abi.PATHS_FAILED)
@@ -164,10 +165,11 @@ class PreparedRun:
         """
         old = self._setup
         given = {"q0": q0, "p0": p0, "q0_low": q0_low, "p0_low": p0_low}
-        chosen = {name: getattr(old, name) for name in given}
+        chosen = {**old.start(), "q0_low": old.q0_low, "p0_low": old.p0_low}
         for name, value in given.items():
             if value is not None:
-                chosen[name] = checks.state(name, value, old.model.ndof, old.paths)
+                is_law = isinstance(value, States) and name in ("q0", "p0")
+                chosen[name] = value if is_law else checks.state(name, value, old.model.ndof, old.paths)
         options = abi.Options.from_buffer_copy(old.options)
         for name, value, bounds in (
             ("seed", seed, UINT64),
@@ -176,7 +178,8 @@ class PreparedRun:
         ):
             if value is not None:
                 setattr(options, name, checks.integer(name, value, bounds))
-        setup = Setup(model=old.model, scheme=old.scheme, options=options, **chosen)
+        kind = kind_of_setup(chosen["q0"], chosen["p0"])
+        setup = kind(model=old.model, scheme=old.scheme, options=options, **chosen)
         handles.call(
             "run_reset",
             self._pointer,

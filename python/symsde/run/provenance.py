@@ -15,6 +15,7 @@ import numpy as np
 
 from ..native.build import build_info
 from .setup import Setup
+from .states.law import States
 
 _MOST = 64  # most numbers of an initial state that are written out
 
@@ -39,7 +40,12 @@ def seconds(timings: Mapping[str, float]) -> dict[str, float]:
 
 def start_of(setup: Setup) -> dict[str, str]:
     """The initial states as text: numbers if they are few, else a hash of the array (dof, path) in float64."""
-    return {name: numbers_of(getattr(setup, name)) for name in ("q0", "p0")}
+    return {name: told_state(x) for name, x in setup.start().items()}
+
+
+def told_state(values: np.ndarray | States) -> str:
+    """Initial states as text: numbers, or the table of a law."""
+    return json.dumps(values.told()) if isinstance(values, States) else numbers_of(values)
 
 
 def numbers_of(values: np.ndarray) -> str:

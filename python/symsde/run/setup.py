@@ -18,6 +18,7 @@ from ..native import handles as _handles
 from ..native.checks import INT32, INT64, UINT64, address, addresses
 from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
+from .states.law import States
 
 _LIBRARY_LANES = 256  # most lanes of a block in the library
 _PYTHON_VALUES = 2048  # most numbers of an array passed to a Python function
@@ -77,6 +78,14 @@ class Setup:
     q0_low: np.ndarray | None = None  #: (dof, path)
     p0_low: np.ndarray | None = None
     by_path: bool = False  #: whether the start has a column for each path, as final states have
+
+    def first_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The state of the first path, (dof, 1) each."""
+        return self.q0[:, :1], self.p0[:, :1]
+
+    def start(self) -> dict[str, np.ndarray | States]:
+        """The initial states as they were given: arrays, or laws."""
+        return {"q0": self.q0, "p0": self.p0}
 
     @property
     def ntime(self) -> int:
@@ -159,6 +168,71 @@ class Setup:
             "increments": "Brownian" if self.increments is None else "prescribed",
             **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
         }
+
+
+def kind_of_setup(q0: object, p0: object) -> type[Setup]:
+    """The class of the setup of these initial states."""
+    return DrawnSetup if isinstance(q0, States) or isinstance(p0, States) else Setup
+
+
+class DrawnSetup(Setup):
+    """A setup whose states are drawn from laws when they are first asked for: parts of a run draw theirs alone."""
+
+    @property
+    def q0(self) -> np.ndarray:
+        """(dof, 1 or path)."""
+        return self._state(0)
+
+    @q0.setter
+    def q0(self, given: np.ndarray | States) -> None:
+        self._begin(0, given)
+
+    @property
+    def p0(self) -> np.ndarray:
+        """(dof, 1 or path)."""
+        return self._state(1)
+
+    @p0.setter
+    def p0(self, given: np.ndarray | States) -> None:
+        self._begin(1, given)
+
+    def _begin(self, place: int, given: np.ndarray | States) -> None:
+        self.__dict__.setdefault("_given", [None, None])[place] = given
+        self.__dict__.setdefault("_found", [None, None])[place] = None if isinstance(given, States) else given
+
+    def _state(self, place: int) -> np.ndarray:
+        if self._found[place] is None:
+            options = self.options
+            some = options.noise_paths or options.paths
+            for i, x in enumerate(self._drawn(some)):
+                if x is not None:
+                    self._found[i] = np.tile(x, options.paths // some) if some < options.paths else x
+        return self._found[place]
+
+    def _drawn(self, paths: int) -> list[np.ndarray | None]:
+        """Both states of the first paths, from their laws; None where an array is given."""
+        options, (q, p) = self.options, self._given
+        about = {"seed": options.seed, "first_path": options.first_path, "t": options.t0}
+        if q is p:
+            return list(q.draw(self.model, paths, **about))
+        laws = ((x, letter) for x, letter in ((q, "q"), (p, "p")))
+        return [
+            x.draw(self.model, paths, letters=letter, **about)[place] if isinstance(x, States) else None
+            for place, (x, letter) in enumerate(laws)
+        ]
+
+    def first_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The state of the first path, (dof, 1) each."""
+        return tuple(x[:, :1] if y is None else y for x, y in zip(self._given, self._drawn(1), strict=True))
+
+    def start(self) -> dict[str, np.ndarray | States]:
+        """The initial states as they were given: arrays, or laws."""
+        return dict(zip(("q0", "p0"), self._given, strict=True))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The state for pickle: states that were drawn are drawn again."""
+        left = [None if isinstance(x, States) else x for x in self._given]
+        return {**self.__dict__, "_found": left}
 
 
 def _integer(bounds: tuple[int, int]) -> Callable:
@@ -317,12 +391,16 @@ def setup_of(given: dict[str, Any]) -> Setup:
     ndof, paths = model.traits.ndof, chosen.paths
     if model.paths not in (0, paths):
         raise _other_paths(model, paths)
-    shaped = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
-    is_one = checks.is_one(q0) and checks.is_one(p0)
+    laws = isinstance(q0, States), isinstance(p0, States)
+    shaped = (
+        q0 if laws[0] else checks.state("q0", q0, ndof, paths),
+        p0 if laws[1] else checks.state("p0", p0, ndof, paths),
+    )
+    is_one = not any(laws) and checks.is_one(q0) and checks.is_one(p0)
     q0, p0 = shaped
     if model.check_start is not None and is_one:
         model.check_start(q0, p0, chosen.t0)
-    return Setup(
+    return kind_of_setup(q0, p0)(
         model,
         as_scheme(scheme),
         chosen,
@@ -331,7 +409,7 @@ def setup_of(given: dict[str, Any]) -> Setup:
         None if increments is None else increments_array(increments),
         None if q0_low is None else _low("q0_low", q0_low, ndof, paths),
         None if p0_low is None else _low("p0_low", p0_low, ndof, paths),
-        not is_one and paths in (q0.shape[1], p0.shape[1]),
+        not is_one and not any(laws) and paths in (q0.shape[1], p0.shape[1]),
     )
 
 

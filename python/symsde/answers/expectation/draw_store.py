@@ -193,6 +193,7 @@ def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, met
         "horizon": problem.horizon,
         "q0": problem.q0[:, 0].tolist(),
         "p0": problem.p0[:, 0].tolist(),
+        **{name: law.told() for name, law in problem.laws.items()},
         "scheme": scheme and scheme.name,
         "method": method,
         **{key: value for key, value in problem.options.items() if key != "threads"},

@@ -315,7 +315,10 @@ class Bridge:
 
 
 def columns(problem: Problem, scheme: Scheme) -> int:
-    """How many numbers drive a noise in a step: 1 for dW, 2 with dZ, 3 with K; 0 if the scheme needs areas or J."""
+    """How many numbers drive a noise in a step: 1 for dW, 2 with dZ, 3 with K; 0 if the scheme needs areas or J, or
+    if initial states are drawn, since increments that are given drive the same paths again and again."""
+    if problem.laws:
+        return 0
     info, traits = scheme.info, problem.model.traits
     areas = info.uses_areas and problem.model.nnoise > 1 and not (traits.additive or traits.position_noise)
     constant = traits.additive and problem.model._forces.noise_force is None

@@ -35,7 +35,7 @@ _DOUBLINGS = 12  #: most doublings of the paths of a ladder if no plan reaches t
 _WIDER = 20  #: most doublings of the requested error: a factor of a million
 _LONG = 600.0  #: the pilot does not take longer for a plan of more seconds
 _FIRST = 2**45 + 2**44  #: index of the first path on which f is examined
-_DRIVEN = "; {} needs noise, no truncation, {}"
+_DRIVEN = "; {} needs noise, one initial state, no truncation, {}"
 #: conditions of a method besides noise
 _NEEDS = {
     EVEN_LEVELS: _DRIVEN.format(EVEN_LEVELS, "SciPy, and a scheme that takes no areas"),

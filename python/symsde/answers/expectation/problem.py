@@ -18,8 +18,9 @@ from ...model.formulas.formula_observables import FormulaObservables
 from ...native import checks
 from ...run.moments import try_out
 from ...run.report import Report
-from ...run.setup import EndOptions, Lent
+from ...run.setup import EndOptions, Lent, make_setup
 from ...run.simulate import Run, simulate
+from ...run.states.law import States
 from ...run.step import increments
 from ...schemes import Scheme
 
@@ -41,11 +42,12 @@ class Problem:
 
     model: Model
     target: Target
-    q0: np.ndarray  #: (dof, 1)
+    q0: np.ndarray  #: (dof, 1); of states that are drawn, the first
     p0: np.ndarray
     horizon: float
     seed: int
     options: dict[str, Any] = field(default_factory=dict)  #: options of `simulate`
+    laws: dict[str, States] = field(default_factory=dict)  #: the laws of q0, p0 that are drawn
     #: facts about the motion that do not depend on seed or threads, computed once
     known: dict[str, float] = field(default_factory=dict)
 
@@ -99,7 +101,8 @@ class Problem:
     def _simulate(self, scheme: str | Scheme, **options: Any) -> Run:
         """Run `simulate` with these options and without warnings: callers count and judge the failures."""
         with checks.unwarned():
-            return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, **options)
+            start = {"q0": self.q0, "p0": self.p0, **self.laws}
+            return simulate(self.model, scheme=scheme, **start, **options)
 
     def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """f at the end of every path (path,), and which paths are ok (path,): paths that did not fail nor go beyond
@@ -126,14 +129,17 @@ def make_problem(
     horizon = checks.finite("horizon", horizon)
     if horizon <= 0:
         raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0, counted from t0")
-    states = {name: checks.state(name, value, model.ndof, 1) for name, value in (("q0", q0), ("p0", p0))}
+    seed = checks.integer("seed", seed, checks.UINT64)
+    laws = {name: x for name, x in (("q0", q0), ("p0", p0)) if isinstance(x, States)}
+    begin = {"t0": options.get("t0", 0.0), "step": horizon, "steps": 0}
+    first = make_setup(model, q0=q0, p0=p0, seed=seed, **begin).first_state()
+    states = dict(zip(("q0", "p0"), first, strict=True))
     for name, state in states.items():
         if not np.isfinite(state).all():
             raise InvalidArgumentError(f"{name} is not finite: give finite numbers")
-    seed = checks.integer("seed", seed, checks.UINT64)
     given = {key: checks.fixed(value) for key, value in options.items()}
     t = checks.finite("t0", options.get("t0", 0.0)) + horizon
-    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, given)
+    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, given, laws)
     problem.target.try_at(problem.q0, problem.p0)
     try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
     return problem

@@ -70,6 +70,15 @@ class FormulaObservables:
         graphs = [self._read.graph, *(piece.graph for total in self._read.sums for piece in total)]
         self.needs_time = any(node.value == "t" for graph in graphs for node in graph.nodes if node.what == "leaf")
 
+    @classmethod
+    def of_variables(cls, variables: tuple[str, ...], formulas: Mapping[str, Any]) -> FormulaObservables:
+        """Formulas of named variables, which are given in the place of coordinates."""
+        found = cls.__new__(cls)
+        names = (("q", variables, len(variables)), ("p", None, len(variables)))
+        found._read = _read(tuple(formulas.items()), names, (), None, "free", compiles=True)
+        found._values, found.needs_time = np.zeros(1), False
+        return found
+
     @property
     def is_compiled(self) -> bool:
         """Whether the observables have a C function."""

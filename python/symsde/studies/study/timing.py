@@ -8,6 +8,7 @@ import time
 import numpy as np
 
 from ...answers.error_plan import SMALL, Plan
+from ...run.states.law import States
 
 TARGET = 0.02  #: least seconds of one repeat; a repeat of one long block takes more
 MOST = 1024  #: most blocks of one repeat
@@ -50,7 +51,7 @@ def cost(plan: Plan, scheme, steps: int) -> dict:
 
 def has_columns(*states) -> bool:
     """Whether some state has one column for each path."""
-    return any(np.ndim(x) == 2 and np.shape(x)[1] > 1 for x in states)
+    return any(isinstance(x, States) or (np.ndim(x) == 2 and np.shape(x)[1] > 1) for x in states)
 
 
 def _seconds(plan: Plan, scheme, steps: int, paths: int):
