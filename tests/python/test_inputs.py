@@ -290,8 +290,8 @@ def public():
             made &= not (prefix == "observe." and name not in ("Observed", "Observer"))
             if callable(thing) and not made and prefix + name not in RESULTS.split() and name != "Certificate":
                 yield prefix + name, thing
-    for name in SUBJECTS:
-        for method, thing in inspect.getmembers(type(SUBJECTS[name]()), callable):
+    for name, make in SUBJECTS.items():
+        for method, thing in inspect.getmembers(type(make()), callable):
             inherited = name == "FormulaModel" and method not in vars(ss.FormulaModel)
             if (method[0] != "_" or method == "__call__") and method not in NOT_CALLED and not inherited:
                 yield f"{name}.{method}", thing

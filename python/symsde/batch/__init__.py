@@ -19,6 +19,7 @@ stop             when to end: a signal, or the time that was given
 run_progress     progress of all pieces together
 dry              steps, files, memory and time of a run before it begins
 folder           the folder of a run
+growth           more paths, steps, observers or saved times in the folder of a run
 manifest         which run a folder holds
 computed         model, scheme and functions of a run, identified by their values
 numerics         what the last bits of a run depend on

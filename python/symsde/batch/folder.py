@@ -11,7 +11,6 @@ DIR/.claims                 locks of the working processes
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import logging
 import zlib
 from collections.abc import Iterator, Sequence
@@ -20,7 +19,7 @@ from typing import Any
 
 from ..errors import SceneError
 from ..native import files, parts
-from . import manifest, shard_file
+from . import growth, manifest, shard_file
 from .claims import Claims
 from .pieces import Piece
 from .scene import Scene
@@ -38,7 +37,9 @@ class RunFolder:
         """Read an existing folder; `open_to_write` makes a new one."""
         self.path = path
         self.record = record
-        self._hash = hashlib.sha256(manifest.to_bytes(record)).hexdigest()
+        self._hash = growth.stamp_of(record)
+        self._before = {x["run"]: x for x in record.get(growth.KEY, ())}
+        self._steps = record["inputs"].get("run", {}).get("steps")
         self.pieces = list(pieces)
         self._numbers = {piece.name: i for i, piece in enumerate(self.pieces)}
         self._verified: set[str] = set()
@@ -54,16 +55,23 @@ class RunFolder:
         cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene: Scene | None
     ) -> Iterator[RunFolder]:
         """Make the folder, or continue in it; a folder of another run is refused and stays as it is."""
+        grows = False
         if (there := manifest.read(files.path_of("the folder of the results", path))) is not None:
-            manifest.require_same(there, record, Path(path))
+            grows = growth.came_from(record, there)
+            if not grows:
+                manifest.require_same(there, record, Path(path))
         with files.folder(path) as target:
             if not (target / manifest.NAME).exists():
                 _require_no_results(target)
             for place in (target, target / "shards"):
                 parts.sweep(place)
             self = cls(target, record, pieces)
+            if grows:
+                files.write_durably(target / manifest.NAME, manifest.to_bytes(record), keep=False)
             if scene is not None:
-                files.write_durably(target / "scene.toml", Path(scene.file).read_bytes())
+                # A run that grew may have a new scene, and may have been killed before that was written.
+                here = growth.KEY not in record
+                files.write_durably(target / "scene.toml", Path(scene.file).read_bytes(), keep=here)
                 for name, source in manifest.files_beside(scene):
                     (target / name).parent.mkdir(parents=True, exist_ok=True)
                     parts.sweep((target / name).parent)
@@ -86,7 +94,7 @@ class RunFolder:
         if piece.name in self._verified:
             return True
         path = self.shard_path(piece)
-        if not path.exists():
+        if not path.exists() or (self._before and self._is_outgrown(piece)):
             return False
         try:
             self.read(piece)
@@ -114,10 +122,54 @@ class RunFolder:
             return own
         path = self.shard_path(piece)
         shard = shard_file.read(path)
-        expected = self.stamp(piece)
-        if any(shard.facts.get(key) != value for key, value in expected.items()):
+        if not self._is_of(shard, piece) or not self._is_good(shard, piece):
             raise DamagedShardError(f"{path} is damaged: it is the shard of another run or piece")
         return shard
+
+    def _is_of(self, shard: Shard, piece: Piece) -> bool:
+        """Whether a shard holds these paths of this run, or of a run that this one grew from."""
+        expected = self.stamp(piece)
+        run = shard.facts.get("run")
+        own = all(shard.facts.get(key) == value for key, value in expected.items() if key != "run")
+        return own and (run == self._hash or run in self._before)
+
+    def _is_good(self, shard: Shard, piece: Piece) -> bool:
+        """Whether a shard of these paths is as this run would compute it."""
+        if shard.facts["run"] == self._hash:
+            return True
+        before = self._before[shard.facts["run"]]
+        return before[piece.kind] and before["steps"] == self._steps
+
+    def _is_outgrown(self, piece: Piece) -> bool:
+        """Whether the shard is one of an earlier run that this one cannot take as it is; then it is moved away."""
+        path = self.shard_path(piece)
+        try:
+            shard = shard_file.read(path)
+        except DamagedShardError:
+            return False
+        except FileNotFoundError:  # another process moved it
+            return True
+        good = self._is_of(shard, piece) and self._is_good(shard, piece)
+        if good or shard.facts.get("run") not in self._before:
+            return False
+        if self._claims is not None:
+            with contextlib.suppress(FileNotFoundError):
+                path.rename(self._outgrown_path(piece))
+        return True
+
+    def start_of(self, piece: Piece, state: Shard) -> Shard | None:
+        """The state of saved paths that a checkpoint or an earlier shard holds; None if they cannot go on from it."""
+        if not self._is_of(state, piece):
+            return None
+        if state.facts["run"] == self._hash:
+            return state
+        before = self._before[state.facts["run"]]
+        if piece.kind != "paths" or not before["paths"]:
+            return None
+        return Shard(state.arrays, {"step": state.facts.get("step", before["steps"])})
+
+    def _outgrown_path(self, piece: Piece) -> Path:
+        return self.path / "shards" / f"{piece.name}.outgrown"
 
     def stamp(self, piece: Piece) -> dict[str, Any]:
         """Facts that identify a shard."""
@@ -136,8 +188,9 @@ class RunFolder:
 
     def _drop_checkpoint(self, piece: Piece) -> None:
         """Delete the files that a finished piece no longer needs."""
-        with contextlib.suppress(FileNotFoundError):
-            self.checkpoint_path(piece).unlink()
+        for path in (self.checkpoint_path(piece), self._outgrown_path(piece)):
+            with contextlib.suppress(FileNotFoundError):
+                path.unlink()
 
     def set_aside(self, piece: Piece, part: Shard) -> None:
         """Store the unfinished moments of a piece that was stopped."""
@@ -182,18 +235,23 @@ class _Checkpoint:
 
     def __init__(self, folder: RunFolder, piece: Piece):
         self.seconds = folder.checkpoint_seconds
+        self._folder, self._piece = folder, piece
         self._path, self._stamp = folder.checkpoint_path(piece), folder.stamp(piece)
 
     def read(self) -> Shard | None:
-        """The last checkpoint; None if there is none, or if it is damaged or of another piece."""
-        try:
-            state = shard_file.read(self._path)
-        except FileNotFoundError:
-            return None
-        except DamagedShardError as error:
-            log.warning("%s; the piece begins anew", error)
-            return None
-        return state if all(state.facts.get(key) == value for key, value in self._stamp.items()) else None
+        """The last checkpoint, or the end of these paths in the run that this one grew from; None if there is neither,
+        or if it is damaged or of another piece."""
+        for path in (self._path, self._folder._outgrown_path(self._piece)):
+            try:
+                state = shard_file.read(path)
+            except FileNotFoundError:
+                continue
+            except DamagedShardError as error:
+                log.warning("%s; the piece begins anew", error)
+                continue
+            if (found := self._folder.start_of(self._piece, state)) is not None:
+                return found
+        return None
 
     def write(self, state: Shard) -> None:
         """Replace the checkpoint by a later one, atomically, so that a complete checkpoint always exists."""

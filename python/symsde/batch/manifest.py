@@ -133,12 +133,17 @@ def read(folder: Path) -> dict[str, Any] | None:
 def differences(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
     """The entries that differ, by name, with both values."""
     left, right = dict(_flat(one)), dict(_flat(other))
-    left.pop("hash", None)
     return [
         f"{key.removeprefix('inputs.')} = {_shown(left.get(key))} there, {_shown(right.get(key))} here"
-        for key in [*left, *(key for key in right if key not in left)]
-        if key != "hash" and left.get(key) != right.get(key)
+        for key in keys_of_differences(one, other)
     ]
+
+
+def keys_of_differences(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
+    """The names of the entries that differ; what a run grew from does not make it another."""
+    left, right = dict(_flat(one)), dict(_flat(other))
+    keys = [*left, *(key for key in right if key not in left)]
+    return [key for key in keys if key not in ("hash", "grown_from") and left.get(key) != right.get(key)]
 
 
 def _shown(value: object) -> str:
@@ -151,6 +156,12 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{before}{key}.")
         else:
             yield before + key, value
+
+
+def sizes(record: dict[str, Any]) -> dict[str, int]:
+    """Paths and steps of a run, which its folder may have beyond those of its scene."""
+    run = record["inputs"]["run"]
+    return {key: run[key] for key in ("paths", "steps") if key in run}
 
 
 def require_run(there: dict[str, Any], folder: Path) -> None:

@@ -33,7 +33,8 @@ class OpenRun:
         manifest.require_run(found, self.path)
         #: inputs with their hash, seed, counter map, version, compiler, build
         self.manifest: dict[str, Any] = found
-        self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]))
+        sizes = manifest.sizes(found)
+        self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]), sizes)
         manifest.require_scene(found, self._batch.scene, self.path)
         self._folder = RunFolder(Path(self.path), found, self._batch.pieces)
 

@@ -8,7 +8,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -76,8 +76,8 @@ class Scene:
         return {**self.run, "steps": 0, "paths": 1, "q0": q, "p0": p}
 
 
-def load(path: str | os.PathLike) -> Scene:
-    """Read and check a scene; SceneError names the file and the key."""
+def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scene:
+    """Read and check a scene, with keys of [run] in the place of its own; SceneError names the file and the key."""
     file = str(path)
     text, tables = _read(file)
     _known(file, "table", tables, ["model", "run", "output", "observables", "observe", "study", "expect"])
@@ -87,7 +87,7 @@ def load(path: str | os.PathLike) -> Scene:
     for name, table in tables.items():
         if name != "observe" and not isinstance(table, dict):
             raise SceneError(f"{file}: {name} is not a table: write it as [{name}] with keys below")
-    run = _with_laws(file, dict(tables["run"]))
+    run = _with_laws(file, {**tables["run"], **(more or {})})
     _known(file, "key of [run]", run, RUN_KEYS)
     for key in _REQUIRED:
         if key not in run:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..native import files
@@ -24,11 +25,11 @@ class Batch:
     out: str
 
     @classmethod
-    def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
+    def of(cls, file: str, out: str, wanted: str | None = None, more: Mapping[str, int] | None = None) -> Batch:
         """Make a batch from a scene, its folder, and the wanted number of paths of a shard; in an existing folder this
-        number is fixed already.
+        number is fixed already. more: keys of [run] in the place of the scene's.
         """
-        chosen = scene.load(file)
+        chosen = scene.load(file, more)
         extent = extent_of(chosen)
         there = manifest.read(files.path_of("the folder of the results", out))
         if there and wanted is None:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..batch import manifest, share
+from ..batch import growth, manifest, share
 from ..batch.folder import RunFolder
 from ..batch.scene_pieces import Batch
 from ..errors import SceneError
@@ -32,7 +32,8 @@ def run(options: argparse.Namespace) -> int:
     with logged(options.quiet):
         folders = [Path(name) for name in options.folders]
         record = _common(folders)
-        batch = Batch.of(str(folders[0] / "scene.toml"), options.out, str(record["shard_paths"]))
+        sizes = manifest.sizes(record)
+        batch = Batch.of(str(folders[0] / "scene.toml"), options.out, str(record["shard_paths"]), sizes)
         manifest.require_same(record, manifest.of_scene(batch.scene, batch.size), folders[0])
         sources = [RunFolder(folder, record, batch.pieces) for folder in folders]
         with RunFolder.open_to_write(options.out, record, batch.pieces, batch.scene) as whole:
@@ -55,7 +56,8 @@ def _common(folders: Sequence[Path]) -> dict:
                 f"{folders[0]} and {folder} hold parts of different runs: {'; '.join(found[:5])}: merge parts of one "
                 "scene, made with one version and build"
             )
-    return records[0]
+    before = [x for record in records for x in record.get(growth.KEY, ())]
+    return records[0] | ({growth.KEY: [x for i, x in enumerate(before) if x not in before[:i]]} if before else {})
 
 
 def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:

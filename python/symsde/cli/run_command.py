@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import importlib.util
 import logging
+import math
 import shlex
 import sys
 import time
@@ -15,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..batch import manifest, merged_results, share
+from ..batch import growth, manifest, merged_results, share
 from ..batch.dispatch import Context, dispatch
 from ..batch.dry import need
 from ..batch.error_check import error_check
@@ -44,6 +45,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", help="folder of the run, new or to resume (default: the scene's name)")
     parser.add_argument("--shard", metavar="I/N", type=str, help="compute only part I of N parts, counted from 1")
     parser.add_argument("--shard-paths", metavar="N", help="paths of a shard, 256 times a power of two")
+    parser.add_argument("--paths", metavar="N", help="paths of the run, more than in the folder to let it grow")
+    parser.add_argument("--steps", metavar="N", help="steps of the run, more than in the folder to let it grow")
+    parser.add_argument(
+        "--grow", action="store_true", help="let the run in the folder grow to what the scene asks for beyond it"
+    )
     limits = "stop cleanly before this time is over: 90s, 30min, 23.5h, 23:30:00 or 1-12 (days-hours)"
     parser.add_argument("--max-walltime", metavar="TIME", help=limits)
     parser.add_argument("--checkpoint", metavar="TIME", help="time between saved states of long paths (default: 10 s)")
@@ -63,11 +69,11 @@ def run(options: argparse.Namespace) -> int:
     between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
     if options.out == "":
         raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
-    batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
-    record = manifest.of_scene(batch.scene, batch.size)
+    more = {key: _count(key, x) for key in ("paths", "steps") if (x := getattr(options, key)) is not None}
+    batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths, more)
     folder = Path(batch.out)
-    if there := manifest.read(folder):
-        manifest.require_same(there, record, folder)
+    there = manifest.read(folder)
+    record = growth.record_of(there, batch.scene, batch.size, folder, asked=options.grow or bool(more))
     if options.dry_run:
         print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, folder))
         if options.error_check:
@@ -82,6 +88,8 @@ def run(options: argparse.Namespace) -> int:
         Stop(limit) as stop,
         RunFolder.open_to_write(batch.out, record, batch.pieces, batch.scene) as folder,
     ):
+        if there and growth.came_from(record, there):
+            log.info("%s", growth.sentence(there, record, batch.pieces, folder.missing()))
         begin = time.monotonic()
         folder.checkpoint_seconds = between
         fine = compute(batch.task, ranks.of(part.of(batch.pieces)), folder, Conditions(stop, ranks, options.quiet))
@@ -97,6 +105,17 @@ def run(options: argparse.Namespace) -> int:
         if options.error_check and not _checked(batch, folder, stop, options.quiet):
             code = _stopped(stop, options, folder, [], None)
         return code
+
+
+def _count(name: str, text: str) -> int:
+    """A number of paths or steps, as 2000000 or 2e6."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (1 <= value < 2**53 and value == int(value)):
+        raise InvalidArgumentError(f"{name} = {text}: give a whole number above zero, as 2000000 or 2e6")
+    return int(value)
 
 
 def _checked(batch: Batch, folder: RunFolder, stop: Stop, quiet: bool) -> bool:
@@ -183,9 +202,12 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
 def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece], partial) -> int:
     done = len(folder.pieces) - len(missing)
     again = ["symsde", "run", options.scene, "--out", str(folder.path)]
-    if options.shard:
-        again += ["--shard", options.shard]
-    again += [f"--{name}" for name in ("allow-python", "error-check") if getattr(options, name.replace("-", "_"))]
+    for key in ("shard", "paths", "steps"):
+        if getattr(options, key) is not None:
+            again += [f"--{key}", getattr(options, key)]
+    again += [
+        f"--{name}" for name in ("allow-python", "error-check", "grow") if getattr(options, name.replace("-", "_"))
+    ]
     print(
         f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "
         f"resume with `{shlex.join(again)}`",

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs that grow: more paths, more steps, more observers or other saved times in the folder of a run.
+
+The manifest of a folder that has grown lists the runs that it grew from, by the hash in the stamps of their shards,
+with what these are good for. Shards of moments stay good if there are more paths, those of saved paths also if there
+are more steps, which begin at their last states. Nothing is removed before its successor is written.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import SceneError, SymsdeError
+from ..native.checks import counted
+from . import manifest
+from .pieces import Piece
+from .scene import Scene
+
+KEY = "grown_from"  #: entry of manifests
+_OBSERVING = ("inputs.observables.", "inputs.observe", "inputs.computed.functions.")
+_CUTS = ("inputs.output.",)  #: which paths are saved: shards tell by themselves which paths they hold
+
+
+def stamp_of(record: Mapping[str, Any]) -> str:
+    """The hash of a run in the stamps of its shards; it does not depend on what the run grew from."""
+    own = {key: x for key, x in record.items() if key != KEY}
+    return hashlib.sha256(manifest.to_bytes(own)).hexdigest()
+
+
+def came_from(record: Mapping[str, Any], there: Mapping[str, Any]) -> bool:
+    """Whether a run grew from the run of a folder."""
+    return any(x["run"] == stamp_of(there) for x in record.get(KEY, ()))
+
+
+def record_of(there: dict[str, Any] | None, scene: Scene, size: int, folder: Path, *, asked: bool) -> dict[str, Any]:
+    """The manifest of a scene in a folder: new, the same, or grown from the folder's; any other is refused.
+
+    asked: whether the user asked for growth.
+    """
+    here = manifest.of_scene(scene, size)
+    if there is None or not manifest.differences(there, here):
+        return here if there is None or KEY not in there else {**here, KEY: there[KEY]}
+    if there["format"] != manifest.FORMAT or "run" not in there["inputs"]:
+        manifest.require_same(there, here, folder)
+    old, new = there["inputs"]["run"], here["inputs"]["run"]
+    found = _beside(there, scene, size, old)
+    if found is None or not all(key.startswith(_OBSERVING + _CUTS) for key in found):
+        manifest.require_same(there, here, folder)
+    for key in ("paths", "steps"):
+        if new[key] < old[key]:
+            raise SceneError(
+                f"{folder} holds {old[key]} {key}, and a run of {new[key]} is asked for: a folder grows, and never "
+                f"shrinks: give --{key} {old[key]} or more, or another folder with --out"
+            )
+    if not asked:
+        try:
+            manifest.require_same(there, here, folder)
+        except SceneError as error:
+            anew = ", ".join(_anew(found, old, new))
+            raise SceneError(f"{error}; or give --grow, which adds what is more: {anew}") from None
+    stays = {
+        "moments": not any(key.startswith(_OBSERVING) for key in found),
+        "paths": True,
+    }
+    stays = {kind: x and old["save_every"] == new["save_every"] for kind, x in stays.items()}
+    before = [{**x, **{kind: x[kind] and stays[kind] for kind in stays}} for x in there.get(KEY, ())]
+    return {**here, KEY: [*before, {"run": stamp_of(there), "steps": old["steps"], **stays}]}
+
+
+def _beside(there: Mapping[str, Any], scene: Scene, size: int, old: Mapping[str, Any]) -> list[str] | None:
+    """The entries, beside paths, steps and save_every, in which a scene differs from the run of a folder; None if the
+    scene cannot be of the old size, as with parameters that go by path."""
+    sizes = {key: old[key] for key in ("paths", "steps", "save_every")}
+    smaller = dataclasses.replace(scene, run={**scene.run, **sizes})
+    try:
+        same = manifest.of_scene(smaller, size)
+    except SymsdeError:
+        return None
+    return manifest.keys_of_differences(there, same)
+
+
+def _anew(found: Sequence[str], old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """What is kept, and what is computed anew, in words."""
+    observes = any(key.startswith(_OBSERVING) for key in found)
+    told = []
+    if observes or old["save_every"] != new["save_every"] or old["steps"] != new["steps"]:
+        told.append("moments of all paths are computed anew")
+    if old["save_every"] != new["save_every"]:
+        told.append("saved paths are computed anew")
+    elif old["steps"] != new["steps"]:
+        told.append("saved paths go on from their last states")
+    if old["paths"] != new["paths"] and not told:
+        told.append("shards of the paths that are there are kept")
+    return told or ["saved paths that are there are kept"]
+
+
+def sentence(there: Mapping[str, Any], record: Mapping[str, Any], pieces: Sequence[Piece], missing: list[Piece]) -> str:
+    """What a folder that grows keeps, before the work begins."""
+    old, new = there["inputs"]["run"], record["inputs"]["run"]
+    found = manifest.keys_of_differences(there, record)
+    sizes = [f"from {old[key]} to {counted(new[key], key[:-1])}" for key in ("paths", "steps") if old[key] != new[key]]
+    work = sum(piece.work for piece in missing)
+    return (
+        f"the run in the folder grows {' and '.join(sizes) or 'by what it observes and saves'}: "
+        f"{', '.join(_anew(found, old, new))}; {len(pieces) - len(missing)} of {counted(len(pieces), 'shard')} are "
+        f"there, the others take {work:.3g} path-steps at most"
+    )
