@@ -87,6 +87,10 @@ def rows() -> Iterator[Row]:
         make = partial(beside_loop, "mean_field16 midpoint", paths, formula=True)
         yield Row(group, "mean_field16 midpoint", paths, target, make)
     yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
+    for kind, target in (("heun", 1 / 15), ("splitting", 1 / 40)):
+        words_of = {"heun": "Heun's method", "splitting": "a splitting that keeps the norm"}[kind]
+        name = f"ring of 16 gauss_dkdkd beside {words_of}, rms 1e-3"
+        yield Row("error", name, 256, round(target, 3), partial(on_a_ring, kind))
     yield from rows_that_save()
     yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
     for name in ("kubo midpoint", "fpu64 midpoint"):
@@ -175,6 +179,17 @@ def accurate() -> tuple[Run, Run]:
     kicks = library(scene.model(), "chin4a", 1000, 4 / STEPS["chin4a"])
     taylor = loop(scene, "taylor", 1000, 4 / STEPS["taylor"])
     return lambda n: kicks(n * STEPS["chin4a"]), lambda n: taylor(n * STEPS["taylor"])
+
+
+def on_a_ring(kind: str) -> tuple[Run, Run]:
+    """Kicks that turn phases, and a loop on the same ring, as `accurate`."""
+    import lattice_loops as lattice  # noqa: PLC0415 - it needs numba
+
+    steps = lattice.STEPS["gauss_dkdkd"]
+    model = ss.model_from_sympy(**lattice.formulas())
+    ours = library(model, "gauss_dkdkd", 256, lattice.END / steps, q0=lattice.START)
+    theirs = lattice.run_of(kind, 256)
+    return lambda n: ours(n * steps), theirs
 
 
 def measured(row: Row, repeats: int, seconds: float) -> list[float]:

@@ -49,6 +49,10 @@ SCENES = {
     "toda": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(exp(q[i+1]-q[i]), i)"\nnoise = ["Sum(s*q[i], i)"]\nn = 12\n'
     '[model.params]\ns = 0.2\n' + RUN.replace("q0 = 0.4", f"q0 = {[k/16 for k in range(12)]}")
     + 'scheme = "stormer_verlet"\n',
+    # kicks by functions of the actions between flows of a quadratic part
+    "lattice": '[model]\nH = "(q1**2+p1**2)**2/4 + (q2**2+p2**2)**2/4 - J*(q1*q2+p1*p2) + q1*p2/8"\n'
+    'noise = ["s*(q1**2+p1**2)*(q2**2+p2**2)", "s*(q2**2+p2**2)"]\n[model.params]\nJ = 0.7\ns = 0.3\n'
+    + RUN + 'scheme = "gauss_dkdkd"\n',
     # brackets by third derivatives, since differences of gradients give other numbers
     "third": '[model]\nH = "(x**2+u**2)*(y**2+v**2)/8 + a*cos(x-y)*u"\nnoise = ["s*sin(x)*v", "s*y*u**2"]\n'
     'q = ["x", "y"]\np = ["u", "v"]\n[model.params]\na = 0.9\ns = 0.4\n' + RUN + 'scheme = "gauss2_strong32"\n',

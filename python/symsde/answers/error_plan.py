@@ -119,8 +119,9 @@ def default_schemes(model: Model) -> list[str]:
     """Schemes that a study compares by default; includes splittings of order four if the model consists of drifts
     and kicks.
     """
-    kicked = isinstance(model, Model) and model._kicked
-    return [*_COMPARED, *(("gauss_dkdkd", "chin4a") if kicked else ())]
+    if not isinstance(model, Model):
+        return [*_COMPARED]
+    return [*_COMPARED, *(("gauss_dkdkd", "chin4a") if model._kicked else ("gauss_dkdkd",) if model._turned else ())]
 
 
 def check_options(options: Mapping[str, Any]) -> None:
@@ -332,7 +333,7 @@ def _better(plan: Plan, scheme: Scheme) -> str:
     commutative = model._noise_commutes
     if model.ndof <= SMALL and model._kicked:
         return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
-    if model.damping or model._forces:
+    if model.damping or model._forces or model._turned:
         return _better_open(model, commutative)
     if model.ndof > SMALL:
         shifts = model.traits.additive and model.traits.position_noise and model.traits.identity_mass
@@ -346,9 +347,10 @@ def _better(plan: Plan, scheme: Scheme) -> str:
 
 def _better_open(model: Model, commutative: bool) -> str:
     """The best affordable reference for damped models, which schemes with brackets of H and with shifts refuse, and
-    for models with forces, which areas refuse, too, and kicks where forces depend on p.
+    for models with forces, which areas refuse, too, and kicks where forces depend on p; or of kicks by functions of the
+    actions, whose drifts hold all that is stiff.
     """
-    if model._kicked:
+    if model._kicked or model._turned:
         return "gauss_dkdkd"
     if model.has_friction or model.ndof > SMALL:
         return "midpoint"

@@ -15,6 +15,7 @@ from ..batch.scene import Scene
 from ..errors import InvalidArgumentError
 from ..model.definition import require_closed
 from ..model.formulas import FormulaModel
+from ..model.split import Split
 from ..native import abi
 from ..run.setup import make_options, make_setup
 
@@ -155,6 +156,11 @@ def columns(ndof: int, has_energy: bool) -> str:
 def equal(values: tuple[float, ...]) -> bool:
     """Whether these are many numbers, all equal."""
     return len(values) > _FEW and len(set(values)) == 1
+
+
+def entries(split: Split) -> list[tuple[int, int, float]]:
+    """Row, column and value of the second derivatives of a quadratic part that are not zero."""
+    return [(i, j, x) for i, row in enumerate(split) for j, x in enumerate(row) if x]
 
 
 def supports(given: Given) -> tuple[list[int], list[int]] | None:

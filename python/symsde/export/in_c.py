@@ -6,7 +6,7 @@ from __future__ import annotations
 from ..model.formulas import emit_flow
 from ..model.traits import FLAGS
 from .expressions import wrapped
-from .given import Given, columns, equal, harmless, supports
+from .given import Given, columns, entries, equal, harmless, supports
 
 WIDTH = 110
 ARGUMENTS = ("gradient", "value", "hessian", "hessian_vector")  #: function arguments of symsde_model_new, in this order
@@ -93,6 +93,11 @@ def _model(given: Given) -> list[str]:
     lines += ["   };"] if given.parameters else []
     functions = ", ".join(f"formula_{kind}" for kind in ARGUMENTS)
     lines += [_checked(f'new("{given.name}", &traits, {functions}, par, &model')]
+    if traits.split:
+        lines += [f"   static double split[{4 * traits.ndof**2}]; /* second derivatives of the quadratic part of H */"]
+        lines += [f"   split[{i * 2 * traits.ndof + j}] = {_number(x)};" for i, j, x in entries(traits.split)]
+        lines += [_checked("set_quadratic_part(model, split")]
+        lines += [_checked("set_action_kicks(model, 1")] if traits.turned else []
     there = [kind for kind in SETTERS if f"int formula_{kind}(" in given.model.formula.source]
     lines += [_checked(f"set_{kind}(model, formula_{kind}") for kind in there]
     flows = emit_flow.flows(made) if made else []

@@ -8,7 +8,7 @@ from ..model.formulas.emit_c import VECTORS
 from ..model.traits import FLAGS
 from . import sites_in_fortran
 from .expressions import Expressions, called, wrapped
-from .given import Given, columns, equal, supports
+from .given import Given, columns, entries, equal, supports
 
 WIDTH = 118
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
@@ -165,6 +165,11 @@ def _model(given: Given) -> list[str]:
     if found := supports(given):
         lines += [f"   model%traits%touches%from = [{', '.join(map(str, found[0]))}]"]
         lines += [f"   model%traits%touches%dof = [{', '.join(map(str, found[1]))}]"]
+    if traits.split:
+        lines += [f"   allocate (model%traits%quadratic_part({2 * traits.ndof}, {2 * traits.ndof}), source=0.0_wp)"]
+        there = entries(traits.split)
+        lines += [f"   model%traits%quadratic_part({i + 1}, {j + 1}) = {_number(x)}" for i, j, x in there]
+        lines += ["   model%traits%kicks_of_actions = .true."] if traits.turned else []
     return [*lines, f"   model%traits%rotation = {_array(traits.rotation)}"] if traits.rotation else lines
 
 

@@ -84,6 +84,11 @@ class OpenSystem:
         return self.traits.kicked and self._forces.in_position
 
     @property
+    def _turned(self) -> bool:
+        """Whether kicks by functions of the actions fit, which do not commute with forces."""
+        return self.traits.turned and not self._forces
+
+    @property
     def _noise_commutes(self) -> bool:
         """Whether the fields of all noises commute, by what is declared of them and of their forces."""
         if self.nnoise < 2:

@@ -43,8 +43,14 @@ def kicks_of(kicks: Any, split: Split | None) -> str:
 def handle_with_split(make: Callable[[], Any], split: Split | None, kicks: str = KICKS[0]) -> Any:
     """A handle of a user's model that declares a quadratic part of H and what kicks depend on, or none."""
     handle = make()
-    rows = None if split is None else (ctypes.c_double * len(split) ** 2)(*itertools.chain(*split))
-    handles.call("model_set_quadratic_part", handle.pointer, rows)
-    if split is not None and kicks == "actions":
-        handles.call("model_set_action_kicks", handle.pointer, 1)
+    declare(handle.pointer, split, kicks)
     return handle
+
+
+def declare(pointer: ctypes.c_void_p, split: Split | None, kicks: str) -> None:
+    """Declare a quadratic part of H, and what kicks depend on, to the library; or none."""
+    handles.call("model_set_action_kicks", pointer, 0)
+    rows = None if split is None else (ctypes.c_double * len(split) ** 2)(*itertools.chain(*split))
+    handles.call("model_set_quadratic_part", pointer, rows)
+    if split is not None and kicks == "actions":
+        handles.call("model_set_action_kicks", pointer, 1)

@@ -204,6 +204,8 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
         names.append("symplectic_euler")
     if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
+    elif traits.turned:
+        names.append("gauss_dkdkd")
     elif traits.position_noise and model.nnoise:
         names.append("gauss_dkdkd_midpoint")
     if traits.additive:
@@ -213,7 +215,7 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
         names += ["gauss2", "gauss3"]
     elif not brackets.commutative:
         names += ["midpoint_areas", "gauss2_strong32_areas"]
-    elif not traits.kicked:
+    elif not (traits.kicked or traits.turned):
         names.append("gauss2_strong32")
     return names
 

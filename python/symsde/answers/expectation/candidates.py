@@ -80,6 +80,8 @@ def _names(traits: Traits) -> list[str]:
     names = ["stormer_verlet", "midpoint", "lobatto2_swapped"] if traits.separable else ["midpoint"]
     if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
+    elif traits.turned:
+        names.append("gauss_dkdkd")
     elif traits.ndof <= 8:
         names += ["gauss2_strong32"]
     if traits.quadratic:

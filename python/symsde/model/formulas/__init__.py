@@ -26,6 +26,7 @@ emit_collective      C for these functions
 sums                 observables that are functions of sums over sites
 forces               forces beside the Hamiltonians
 rates                rates of damping
+actions              functions of the actions beside a quadratic part of H
 compiler             the system's compiler
 cache                the folder of compiled formulas, with checks that loading from it is safe
 in_numpy             the callbacks without a compiler

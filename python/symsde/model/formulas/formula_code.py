@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, SlowFormulaWarning
 from ...native import callbacks, checks
 from ..rates import Rates
-from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
+from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
@@ -54,6 +54,7 @@ class Code:
     derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
     chain: Chain | None  #: sums over sites
     rotation: Callable[[list], tuple[float, ...] | None]  #: values -> frequencies of the linear part
+    part: actions.Part | None  #: values -> second derivatives of the quadratic part between kicks
     compiled: compiler.Compiled | None
     kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
     pulls: _forces.Found  #: forces beside the Hamiltonians
@@ -75,7 +76,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     start = time.perf_counter()
     rows = [given["force"] or [], *(given["noise_force"] or [])]
     chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
-    chain, own, pulls, rates = None, (), _forces.Found(), None
+    chain, own, pulls, rates, part = None, (), _forces.Found(), None, None
     formulas = given["damping"] if isinstance(given["damping"], _rates.Asked) else None
     if given["n"] is None:
         chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
@@ -97,6 +98,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         structure = prover.structure()
         nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
         own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
+        part = prover.part
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem, prover.vanishing())
         source = emit_c.source(derivatives) + _forces.source(pulls) + _rates.source(rates)
@@ -112,7 +114,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         chain = _chain(**chosen, n=given["n"], ends=given["ends"])
         structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
-        traits = {**traits, "ndof": chain.n}
+        traits, part = {**traits, "ndof": chain.n}, chain.part
     derived = time.perf_counter() - start
     compiled = _compiled(source, derivatives is None)
     formula = Formula(
@@ -129,7 +131,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     kind = parameters.kind_of(values)
     told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
     kinds[kind] = Code(
-        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, compiled, kinds, pulls, rates
+        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, part, compiled, kinds, pulls, rates
     )
     return kinds[kind]
 

@@ -47,7 +47,10 @@ class FormulaModel(Model):
         try:
             return super().call(name, *arguments, allow=allow)
         except IncompatibleError as error:
-            raise type(error)(f"{error} ({self._quoted()})") from None
+            structure = self.formula.structure
+            apart = "(split)" in str(error) or "position_noise" in str(error)
+            why = structure.unsplit if structure and apart else ""
+            raise type(error)(f"{error} ({why or self._quoted()})") from None
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
         """Refuse an initial state of all paths at which a Hamiltonian or its derivative is singular: every scheme

@@ -20,6 +20,7 @@ from ...errors import IncompatibleError, InvalidArgumentError, WrongShapeError
 from ...native import callbacks, checks, handles
 from ..built_in import is_array
 from ..open_system import copied
+from ..split import KICKS, handle_with_split
 from ..user_handles import ModelHandle
 
 if TYPE_CHECKING:
@@ -78,11 +79,14 @@ def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaMod
     """The model of compiled functions with these values of its parameters, in the order of the formulas."""
     model = copied(root)
     rotation = code.rotation(list(values.values()))
-    if rotation != root.traits.rotation:
-        model.traits = dataclasses.replace(root.traits, rotation=rotation)
-        model.formula = dataclasses.replace(
-            root.formula, structure=dataclasses.replace(root.formula.structure, rotation=rotation)
-        )
+    split = code.part and code.part.at(list(values.values()))
+    own = {"rotation": rotation, "split": split, "kicks": code.part.kicks if split else KICKS[0]}
+    if any(getattr(root.traits, x) != y for x, y in own.items()):
+        model.traits = dataclasses.replace(root.traits, **own)
+        if root.formula.structure is not None:
+            structure = dataclasses.replace(root.formula.structure, **own)
+            model.formula = dataclasses.replace(root.formula, structure=structure)
+        model._split, model._kicks = split, own["kicks"]
     if code.kind[0]:
         table, numbers = _constants(code, values), None
     else:
@@ -90,7 +94,10 @@ def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaMod
         gradient, value, w = code.direct
         model._direct = gradient, value, numbers.ctypes.data, w
     frequencies = None if rotation is None else np.array(rotation)
-    model._handles = handles.Pool(functools.partial(_handle, root._handles, numbers, table, frequencies))
+    make = functools.partial(_handle, root._handles, numbers, table, frequencies)
+    if split != root._split:
+        make = functools.partial(handle_with_split, make, split, own["kicks"])
+    model._handles = handles.Pool(make)
     return model
 
 

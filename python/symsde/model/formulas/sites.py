@@ -23,6 +23,7 @@ from typing import Any
 from ...errors import InvalidArgumentError
 from ...native import checks
 from ...native.files import optional
+from . import actions
 from .collective import Outer, make_outer, split
 from .derivatives import Derivatives
 from .named_formulas import Names, Problem, quoted
@@ -102,6 +103,7 @@ class Chain:
     texts: tuple[str, ...]
     parameters: dict[str, float]
     traits: dict[str, Any]
+    part: actions.Part | None  #: the quadratic part of H between kicks by functions of the actions
 
 
 @dataclass(frozen=True)
@@ -233,6 +235,11 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
         weight = weight.after(family)
     outer = make_outer(functions, len(inner), names.values) if functions else None
+    traits = _traits(densities, outer, count, ends == "periodic")
+    kicked = traits["position_noise"] and (traits["identity_mass"] or traits["constant_mass"])
+    part = None if kicked else actions.of_sites(densities, count)
+    if part and (split := part.at(list(names.values.values()))):
+        traits |= {"split": split, "kicks": part.kicks}
     return Chain(
         n=count,
         nnoise=weight.of(count) - 1,
@@ -241,10 +248,8 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
         outer=outer,
         texts=tuple(texts),
         parameters=names.values,
-        traits={
-            **_traits(densities, outer, count, ends == "periodic"),
-            "touches": _touches(densities, outer, weight.of(count) - 1, count),
-        },
+        traits=traits | {"touches": _touches(densities, outer, weight.of(count) - 1, count)},
+        part=part,
     )
 
 

@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 
 from ...native.files import optional
+from ..split import KICKS, Split
 from ..traits import FLAGS
+from . import actions
 from .named_formulas import Problem
 
 MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
@@ -44,6 +46,9 @@ class Structure:
     bandwidth: int  #: bandwidth of every block of the Hessian: entries (i, j) with |i - j| above it vanish
     nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian
     rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0; None if H has no such part
+    split: Split | None  #: second derivatives of a quadratic part of H whose flow is exact; None where none is used
+    kicks: str  #: beside a split, what remains of H, and every H_k, depend on "positions" or on "actions"
+    unsplit: str  #: what keeps H from being split; empty if nothing does, or nothing could be
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
     touches: tuple[tuple[int, ...], ...]  #: degrees of freedom i of which q_i or p_i occur in H_k, for each noise k
     noises_commute: bool  #: every {H_k, H_l} is constant
@@ -53,7 +58,7 @@ class Structure:
     def traits(self) -> dict[str, Any]:
         """The traits as arguments of `Model`."""
         banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
-        told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "silent", "touches")}
+        told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "split", "kicks", "silent", "touches")}
         for trait in ("constant_mass", "diagonal_mass"):  # identity_mass implies both
             told[trait] &= not self.identity_mass
         return told | {"bandwidth": self.bandwidth if banded else None}
@@ -126,6 +131,7 @@ class Prover:
         self.t = self.sympy.Symbol("t", real=True)
         self.symbols = [h.free_symbols for h in self.hams]
         self._derived: dict[tuple, Any] = {}
+        self.part: actions.Part | None = None  #: the quadratic part of H between kicks, once the structure is known
 
     def vanishes(self, e: Any) -> bool:
         """Whether an expression is shown to be zero."""
@@ -202,11 +208,16 @@ class Prover:
         drift_separable = all(self.diff(0, x, y) == 0 for x in self.q for y in self.p)
         constant_mass = drift_separable and linear and all(not m.free_symbols & {*state, self.t} for m in mass)
         unit = constant_mass and mass == identity
+        position_noise = all(self.diff(k, x) == 0 for k in noises for x in self.p)
+        values, unsplit = list(self.problem.parameters.values()), ""
+        if not (constant_mass and position_noise):
+            self.part, unsplit = actions.found(self, _function)
+        split = self.split(values)
         return Structure(
             ndof=n,
             separable=separable,
             additive=all(x == 0 for k in noises for x in second[k]),
-            position_noise=all(self.diff(k, x) == 0 for k in noises for x in self.p),
+            position_noise=position_noise,
             quadratic=all(not x.free_symbols & state for k in every for x in second[k]),
             identity_mass=unit,
             constant_mass=constant_mass,
@@ -214,7 +225,10 @@ class Prover:
             time_dependent=any(self.t in h.free_symbols for h in self.hams),
             bandwidth=max((abs(i - j) for pairs in entries.values() for i, j in pairs), default=0),
             nonzero={block: len(pairs) for block, pairs in entries.items()},
-            rotation=self.rotation(list(self.problem.parameters.values())) if unit else None,
+            rotation=self.rotation(values) if unit else None,
+            split=split,
+            kicks=self.part.kicks if split else KICKS[0],
+            unsplit=unsplit,
             silent=tuple(k for k in noises if all(self.diff(k, x) == 0 for x in both)),
             touches=tuple(
                 tuple(
@@ -246,6 +260,10 @@ class Prover:
                 return None
             squares.append(math.sqrt(square.real))
         return tuple(squares) if any(squares) else None
+
+    def split(self, values: list) -> Split | None:
+        """Second derivatives of the quadratic part for these values of the parameters; None without one."""
+        return self.part and self.part.at(values)
 
     def _constant(self, pairs) -> bool:
         """Whether the brackets of these pairs of Hamiltonians are proved not to depend on the state."""
