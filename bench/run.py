@@ -37,6 +37,7 @@ TOPICS = {
     "growth": "growth",
     "threads": "threads",
     "open": "open_systems",
+    "brought": "brought",
 }
 
 

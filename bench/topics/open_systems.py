@@ -3,7 +3,6 @@
 
 import datetime
 import functools
-import importlib.util
 import itertools
 import json
 import math
@@ -22,6 +21,7 @@ from timing import in_turn
 
 from .memory import TARGET as MEMORY
 from .python_calls import grown
+from .strong import numba_version, rms, steps_to, told_steps
 from .tools import ABSENT, Setting, at_most, table
 
 PEERS = Path(__file__).resolve().parents[1] / "peers" / "langevin_package.py"
@@ -71,15 +71,6 @@ def measure(setting: Setting) -> dict:
         "damped": beside_closed(setting),
         "memory": memory,
     }
-
-
-def numba_version() -> list[str]:
-    """The version of numba, if it is installed."""
-    if importlib.util.find_spec("numba") is None:
-        return []
-    import numba  # noqa: PLC0415
-
-    return [f"numba {numba.__version__}"]
 
 
 def asked(setting: Setting, package: str) -> dict | None:
@@ -136,11 +127,6 @@ def end(scene: str, scheme: str, steps: int, paths: int, **more) -> np.ndarray:
     return np.concatenate([run.q[-1], run.p[-1]])
 
 
-def rms(apart: np.ndarray) -> float:
-    """Root mean square distance over paths."""
-    return float(np.sqrt(np.square(apart).sum(axis=0).mean()))
-
-
 def our_errors(scene: str) -> dict[str, dict[int, float]]:
     """Errors by number of steps, against chin4a at many steps on the same paths."""
     paths, finest, counts = SIZES[scene][:3]
@@ -175,17 +161,6 @@ def their_errors(scene: str) -> dict[str, dict[int, float]]:
         if len(noise) // 2 in SIZES[scene][2]:
             found["UBU"][len(noise) // 2] = rms(langevin.given("UBU", where, noise) - known)
     return found
-
-
-def steps_to(errors: dict[int, float], error: float) -> tuple[float, bool]:
-    """The number of steps for an error, by a power law through two measured errors, and whether it is beyond all of
-    them.
-    """
-    points = sorted(errors.items())
-    pairs = list(itertools.pairwise(points))
-    within = [pair for pair in pairs if pair[0][1] > error >= pair[1][1]]
-    (n0, e0), (n1, e1) = within[0] if within else pairs[0] if points[0][1] <= error else pairs[-1]
-    return n0 * (n1 / n0) ** (math.log(e0 / error) / math.log(e0 / e1)), not within
 
 
 # ---- bias ----------------------------------------------------------------------------------------------------------
@@ -305,8 +280,7 @@ def strong_table(rows: list[dict]) -> str:
         for row in sorted(here, key=lambda row: row["us"]):
             share = best / row["us"]
             verdict = ["", ""] if row["package"] == "symsde" else at_most(share, SHARE)
-            steps = f"{math.ceil(row['steps']):.3g}" if row["steps"] > 999 else f"{math.ceil(row['steps'])}"
-            name, told = f"{row['package']} {row['scheme']}", steps + "*" * row["beyond"]
+            name, told = f"{row['package']} {row['scheme']}", told_steps(row["steps"], row["beyond"])
             cells.append([title, name, told, f"{row['ns']:.3g}", f"{row['us']:.3g}", f"{share:.2g}", *verdict])
     return table(["scene", "scheme", "steps", "ns of a path-step", "us of a path", "share", "target", ""], cells)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The benchmarks compare like with like: scenes are the models, loops are the schemes, claims of counters hold."""
 
+import dataclasses
 import math
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 from plain_rules import _synchrotron
 from run import replaced
 from scenes import SCENES
-from topics import left_out, open_systems
+from topics import left_out, open_systems, strong
 from topics.loops import FEW, GROUPS, SAVED, found, rows
 
 KNOWN = {name: scene for name, scene in SCENES.items() if scene.name}
@@ -188,11 +189,11 @@ def test_splittings_have_their_orders():
 
 def test_steps_to_an_error_follow_a_power_law():
     errors = {10: 1e-2, 20: 2.5e-3, 40: 6.25e-4}
-    steps, beyond = open_systems.steps_to(errors, 1e-3)
+    steps, beyond = strong.steps_to(errors, 1e-3)
     assert steps == pytest.approx(10 * math.sqrt(10)) and not beyond
-    steps, beyond = open_systems.steps_to(errors, 1e-4)
+    steps, beyond = strong.steps_to(errors, 1e-4)
     assert steps == pytest.approx(100) and beyond
-    steps, beyond = open_systems.steps_to(errors, 4e-2)
+    steps, beyond = strong.steps_to(errors, 4e-2)
     assert steps == pytest.approx(5) and beyond
 
 
@@ -225,3 +226,56 @@ def test_tables_of_damped_systems_judge_each_row():
     rows = [cheap, {**cheap, "package": "OpenMM", "scheme": "LangevinMiddle, CPU", "cost": 100.0}]
     text = open_systems.bias_table(rows)
     assert "+1.00 +- 0.10 at 0.4" in text and "0.25" in text and "missed" in text
+
+
+BROUGHT = (
+    "double well",
+    "Duffing, 2 degrees",
+    "3 bodies",
+    "phi^4 ring of 64",
+    "magnetic field",
+    "Schroedinger lattice of 16",
+)
+
+
+@pytest.mark.parametrize("scene", BROUGHT)
+def test_loops_of_brought_scenes_solve_their_formulas(scene):
+    """With dW_k proportional to h the equation is an ordinary one. All loops come near to the library's solution, as
+    order two does; a noise of another size is far away. A loop on its own normals is the loop on given ones.
+    """
+    pytest.importorskip("numba"), pytest.importorskip("sympy")
+    from peers import brought
+    from topics import brought as topic
+
+    assert tuple(brought.SCENES) == BROUGHT
+    where, steps, horizon = brought.SCENES[scene], 250, 0.5
+    where = dataclasses.replace(where, horizon=horizon)
+    h, rates = horizon / steps, np.cos(np.arange(where.noises) + 0.3)
+    how = {"q0": where.q0, "p0": where.p0, "step": h, "steps": steps, "scheme": "gauss2", "correction": "none"}
+    dw = np.broadcast_to(h * rates[:, None], (steps, where.noises, 1))
+    run = ss.simulate(topic.model(scene), increments=dw, **how)
+    known = np.concatenate([run.q[-1], run.p[-1]])
+    for name in where.loops:
+        parts = np.concatenate([dw / 2, dw / 2], axis=1) if name == "Gauss" else dw
+        np.testing.assert_allclose(brought.given(name, where, parts), known, atol=1e-5, rtol=0)
+        assert np.abs(brought.given(name, where, 1.01 * parts) - known).max() > 1e-4
+        total = brought.loop(name, where)(np.random.default_rng(5), where.q0, where.p0, h, 3, 1)
+        x = np.random.default_rng(5).normal(0, math.sqrt(h), (3, where.noises, 2 if name == "Gauss" else 1))
+        drawn = np.concatenate([x.sum(axis=2), x[..., 0] - x[..., 1]], axis=1) / 2 if name == "Gauss" else x[..., 0]
+        short = dataclasses.replace(where, horizon=3 * h)
+        assert total == pytest.approx(brought.given(name, short, drawn[..., None])[0, 0], abs=1e-12)
+
+
+def test_tables_of_brought_scenes_judge_each_row():
+    """The library's best scheme, and a verdict for every loop."""
+    from topics import brought
+
+    row = {"scene": "magnetic field", "ns": 10.0, "to": [(100.0, False), (1000.0, True)], "errors": {}}
+    slow = {**row, "package": "symsde", "scheme": "midpoint", "us": [9.0, 90.0]}
+    ours = {**row, "package": "symsde", "scheme": "gauss_dkdkd", "us": [1.1, 11.0]}
+    near = {**row, "package": "numba", "scheme": "Gauss", "us": [1.0, 10.0]}
+    far = {**row, "package": "numba", "scheme": "Strang", "us": [1.0, 10.0]}
+    first, second, third = brought.strong_table([slow, ours, near, far], 1).splitlines()[2:]
+    assert "symsde gauss_dkdkd | 1e+03* " in first and "met" not in first and "missed" not in first
+    assert "| 1.1   | <= 1.2 | met" in second
+    assert "| 1.1   | <= 1   | missed" in third
