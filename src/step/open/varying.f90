@@ -18,7 +18,7 @@ module symsde_step_open_varying
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_damping, only: damping_type, decay_less_one
    use symsde_base_kinds, only: wp
-   use symsde_base_lanes, only: lane_unit
+   use symsde_base_exponential, only: to_losses
    use symsde_base_vectors, only: add_times
    use symsde_noise_decay_law, only: decay_integral
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
@@ -38,9 +38,11 @@ module symsde_step_open_varying
       private
       type(damping_type) :: damping
       integer :: nrate = 1
+      integer :: nnode = size(node)            !! 1 if rates depend on position alone
       logical, public :: of_time_alone = .false.
-      real(wp), allocatable :: total(:, :)     !! G (nlane, nrate)
-      real(wp), allocatable :: rate(:, :, :)   !! gamma at the nodes (nlane, nrate, 3)
+      real(wp), allocatable :: total(:, :)     !! G (nlane, nrate), of one lane for all if rates depend on time alone
+      real(wp), allocatable :: rate(:, :, :)   !! gamma at the nodes, of as many lanes (nlane, nrate, nnode)
+      real(wp), allocatable :: nowhere(:, :)   !! a position for rates that depend on time alone (1, ndof)
    contains
       procedure :: decay
       procedure :: drift
@@ -54,11 +56,14 @@ contains
       type(varying_decay), intent(out) :: self
       type(damping_type), intent(in) :: damping   !! damping by functions
       integer, intent(in) :: nlane, ndof
+      integer :: n
 
       self%damping = damping
       if (.not. damping%varying%one) self%nrate = ndof
       self%of_time_alone = .not. damping%varying%of_position
-      allocate (self%total(nlane, self%nrate), self%rate(nlane, self%nrate, size(node)), source=0.0_wp)
+      if (damping%varying%of_position .and. .not. damping%varying%of_time) self%nnode = 1
+      n = merge(1, nlane, self%of_time_alone)
+      allocate (self%total(n, self%nrate), self%rate(n, self%nrate, self%nnode), self%nowhere(1, ndof), source=0.0_wp)
    end subroutine new_varying_decay
 
    !> G over the time tau from t on, at the positions x. Without gain a negative rate makes it NaN, and so does a rate
@@ -68,26 +73,27 @@ contains
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: t, tau, x(nlane, ndof)
       integer, intent(out) :: code   !! 0, or why the rates are refused
+      real(wp) :: at, part
       integer :: i
 
-      associate (varying => self%damping%varying, n => nlane*self%nrate)
-         self%total = 0
-         do i = 1, size(node)
-            if (varying%of_time) then
-               call varying%find(nlane, ndof, self%nrate, t + node(i)*tau, x, self%rate(:, :, i), code)
-            else
-               call varying%find(nlane, ndof, self%nrate, t, x, self%rate(:, :, i), code)
-            end if
-            if (code /= 0) exit
-            if (.not. self%damping%gain) call refuse_gain(n, self%rate(:, :, i))
-            if (.not. varying%of_time) then
-               call add_times(n, tau, self%rate(:, :, i), self%total)
-               return
-            end if
-            call add_times(n, weight(i)*tau, self%rate(:, :, i), self%total)
-         end do
-         if (code /= 0) self%total = ieee_value(tau, ieee_quiet_nan)
-      end associate
+      self%total = 0
+      do i = 1, self%nnode
+         at = t
+         part = tau
+         if (self%nnode > 1) then
+            at = t + node(i)*tau
+            part = weight(i)*tau
+         end if
+         if (self%of_time_alone) then
+            call self%damping%varying%find(1, ndof, self%nrate, at, self%nowhere, self%rate(:, :, i), code)
+         else
+            call self%damping%varying%find(nlane, ndof, self%nrate, at, x, self%rate(:, :, i), code)
+         end if
+         if (code /= 0) exit
+         if (.not. self%damping%gain) call refuse_gain(size(self%total), self%rate(:, :, i))
+         call add_times(size(self%total), part, self%rate(:, :, i), self%total)
+      end do
+      if (code /= 0) self%total = ieee_value(tau, ieee_quiet_nan)
    end subroutine integrate
 
    !> exp(-G) - 1 of a step of length h from t on, where all momenta have one rate that depends on time alone.
@@ -96,12 +102,10 @@ contains
       integer, intent(in) :: ndof
       real(wp), intent(in) :: t, h
       type(varying_decay) :: varying
-      real(wp) :: x(lane_unit, ndof)
       integer :: code
 
-      call new_varying_decay(varying, damping, lane_unit, ndof)
-      x = 0
-      call varying%integrate(t, h, lane_unit, ndof, x, code)
+      call new_varying_decay(varying, damping, 1, ndof)
+      call varying%integrate(t, h, 1, ndof, varying%nowhere, code)
       loss = decay_less_one(varying%total(1, 1))
    end function loss_of_step
 
@@ -112,15 +116,19 @@ contains
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: t, tau, x(nlane, ndof), p(nlane, ndof)
       real(wp), intent(inout) :: dp(nlane, ndof)
-      integer :: i, code
+      integer :: i, k, code
 
       call self%integrate(t, tau, nlane, ndof, x, code)
       if (code /= 0) call ham%model%note_failure(code)
-      do i = 1, self%nrate
-         call to_losses(nlane, self%total(:, i))
-      end do
+      if (.not. self%of_time_alone) call to_losses(size(self%total), self%total)
       do i = 1, ndof
-         call lose(nlane, self%total(:, min(i, self%nrate)), p(:, i), dp(:, i))
+         k = min(i, self%nrate)
+         if (.not. self%of_time_alone) then
+            call lose(nlane, self%total(:, k), p(:, i), dp(:, i))
+         else
+            if (k == i) self%total(1, k) = decay_less_one(self%total(1, k))
+            call lose_alike(nlane, self%total(1, k), p(:, i), dp(:, i))
+         end if
       end do
    end subroutine decay
 
@@ -178,18 +186,6 @@ contains
          if (rate(i) < 0) rate(i) = ieee_value(rate(i), ieee_quiet_nan)
       end do
    end subroutine refuse_gain
-
-   !> g <- exp(-g) - 1, one after the other: last bits of vectors of exponentials depend on the width of registers.
-   pure subroutine to_losses(nlane, g)
-      integer, intent(in) :: nlane
-      real(wp), intent(inout) :: g(nlane)
-      integer :: lane
-
-      !GCC$ novector
-      do lane = 1, nlane
-         g(lane) = decay_less_one(g(lane))
-      end do
-   end subroutine to_losses
 
    !> VEC dp <- dp + loss (p + dp)
    pure subroutine lose(nlane, loss, p, dp)
