@@ -43,6 +43,7 @@ module symsde_base_functionals
       type(noise_pairs) :: meeting     !! pairs k <= l that J is asked for; not allocated = all
    contains
       procedure :: count_of
+      procedure :: next_pair
       procedure :: is_empty
       procedure :: columns
       procedure :: needed_for
@@ -84,6 +85,23 @@ contains
       n = functional_count(functional, nnoise)
       if (functional == path_magnus .and. allocated(self%meeting%k)) n = size(self%meeting%k)
    end function count_of
+
+   !> Pair kl of those that J is asked for, from pair kl - 1, which is (0, 0) before the first.
+   pure subroutine next_pair(self, kl, k, l)
+      class(functional_set), intent(in) :: self
+      integer, intent(in) :: kl
+      integer, intent(inout) :: k, l
+
+      if (allocated(self%meeting%k)) then
+         k = self%meeting%k(kl)
+         l = self%meeting%l(kl)
+      else if (k < l) then
+         k = k + 1
+      else
+         k = 1
+         l = l + 1
+      end if
+   end subroutine next_pair
 
    !> The functionals that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which
    !> are constant for additive noise and vanish for noise in position, and between noises that touch no degree of

@@ -23,7 +23,6 @@ module symsde_noise_functionals
    use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_dz, &
                                       path_areas, path_stt_area, path_magnus, path_decay
    use symsde_base_kinds, only: wp
-   use symsde_base_supports, only: noise_pairs, all_pairs
    use symsde_base_vectors, only: add_times
    use symsde_noise_decay_law, only: decay_path, decay_integral
    implicit none
@@ -72,7 +71,6 @@ contains
       real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero if absent
       !> The normal terms of areas drawn in law; without them areas are those of the parabola.
       real(wp), intent(in), optional :: rest(nlane, functional_count(path_areas, nnoise))
-      type(noise_pairs) :: pairs
       integer :: k, l, kl
 
       select case (functional)
@@ -90,14 +88,14 @@ contains
          x = 0
          if (present(kk)) x = kk
       case (path_magnus)
-         call choose_pairs(nnoise, asked, pairs)
-         do kl = 1, size(pairs%k)
-            associate (k => pairs%k(kl), l => pairs%l(kl))
-               ! The mean of J given dW and H.
-               x(:, kl) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
-               ! Subtract from the diagonal the variance of the path that H leaves open, so that E J = 0.
-               if (k == l) x(:, kl) = x(:, kl) - length*abs(length)/15
-            end associate
+         k = 0
+         l = 0
+         do kl = 1, size(x, 2)
+            call asked%next_pair(kl, k, l)
+            ! The mean of J given dW and H.
+            x(:, kl) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
+            ! Subtract from the diagonal the variance of the path that H leaves open, so that E J = 0.
+            if (k == l) x(:, kl) = x(:, kl) - length*abs(length)/15
          end do
       case (path_dz)
          x = length*(0.5_wp*w + hh)
@@ -133,23 +131,12 @@ contains
       call add_times(n, d(3), kk, x)
    end subroutine add_known
 
-   !> The pairs of noises that J is asked for.
-   pure subroutine choose_pairs(nnoise, asked, pairs)
-      integer, intent(in) :: nnoise
-      type(functional_set), intent(in) :: asked
-      type(noise_pairs), intent(out) :: pairs
-
-      pairs = asked%meeting
-      if (.not. allocated(pairs%k)) call all_pairs(nnoise, pairs)
-   end subroutine choose_pairs
-
    !> Merge two neighbouring intervals, whose functionals are those that are asked for.
    pure subroutine merge_intervals(nlane, nnoise, asked, left, right, whole)
       integer, intent(in) :: nlane, nnoise
       type(functional_set), intent(in) :: asked
       type(path_interval), intent(in) :: left, right
       type(path_interval), intent(out) :: whole
-      type(noise_pairs) :: pairs
       integer :: f, k
 
       ! Lengths add, with their sign: two steps back in time are one longer step back.
@@ -173,8 +160,7 @@ contains
                                                  - 0.5_wp*(w1 - w2))
             case (path_magnus)
                ! J needs dZ of both halves, which are present whenever J is.
-               call choose_pairs(nnoise, asked, pairs)
-               call merge_magnus(nlane, size(pairs%k), pairs, left, right, x)
+               call merge_magnus(nlane, size(x, 2), asked, left, right, x)
             case (path_decay)
                ! The parts of D_1 and dW_1 at the end of the right half.
                x = x2
@@ -188,23 +174,24 @@ contains
    end subroutine merge_intervals
 
    !> J_kl of two neighbours, symmetrised in k and l: it multiplies H_k,q . M^-1 H_l,q, which is symmetric.
-   pure subroutine merge_magnus(nlane, npair, pairs, left, right, x)
+   pure subroutine merge_magnus(nlane, npair, asked, left, right, x)
       integer, intent(in) :: nlane, npair
-      type(noise_pairs), intent(in) :: pairs
+      type(functional_set), intent(in) :: asked
       type(path_interval), intent(in) :: left, right
       real(wp), intent(inout) :: x(nlane, npair)
-      integer :: kl, lane
+      integer :: k, l, kl, lane
 
+      k = 0
+      l = 0
       associate (x1 => left%of(path_magnus)%x, x2 => right%of(path_magnus)%x, z1 => left%of(path_dz)%x, &
                  z2 => right%of(path_dz)%x, w1 => left%w, w2 => right%w, h2 => right%length)
          do kl = 1, npair
-            associate (k => pairs%k(kl), l => pairs%l(kl))
-               do lane = 1, nlane
-                  x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
-                                + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
-                                          + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
-               end do
-            end associate
+            call asked%next_pair(kl, k, l)
+            do lane = 1, nlane
+               x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
+                             + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
+                                       + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
+            end do
          end do
       end associate
    end subroutine merge_magnus

@@ -14,6 +14,10 @@ module symsde_model_user_callback_flow
    private
    public :: user_flows, flow_callback
 
+   !> Place of the decays of damped steps, functionals[5] of symsde_flow in symsde.h: it stays there if functionals are
+   !> added, which follow it, since functions of users were compiled with it.
+   integer, parameter :: place_of_decays = 6
+
    type :: flow_slot
       type(step_map) :: map
       procedure(flow_callback), pointer, nopass :: take => null()
@@ -39,7 +43,7 @@ module symsde_model_user_callback_flow
          integer(c_int), value :: max_iter                 !! bound on iterations of a solver in a step
          real(c_double), value :: t, h !! time at which the first step begins; the step with its sign
          real(c_double), intent(in) :: w(nlane, nham, nstep)
-         !> Each (nlane, columns, nstep), or NULL; behind them decays of damped steps, else NULL.
+         !> Each (nlane, columns, nstep), or NULL; decays of damped steps at place_of_decays, else NULL.
          type(c_ptr), intent(in) :: functionals(nfunctional + 1)
          real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(c_double), intent(out) :: qn(nlane, ndof, nstep/every), pn(nlane, ndof, nstep/every)
@@ -111,12 +115,12 @@ contains
       do f = 1, nfunctional
          x => steps%of(f)%x  ! contiguous, which gfortran 12 does not recognise for a component
          if (.not. associated(x)) cycle
-         if (size(x) > 0) functionals(f) = c_loc(x)
+         if (size(x) > 0) functionals(merge(f, f + 1, f < place_of_decays)) = c_loc(x)
       end do
       decays(1) = steps%decays%z
       decays(2:3) = steps%decays%beta
       decays(4:5) = steps%decays%gamma
-      if (map%damped) functionals(nfunctional + 1) = c_loc(decays)
+      if (map%damped) functionals(place_of_decays) = c_loc(decays)
       w => steps%w
       associate (s => steps)
          code = self%slots(self%place_of(map))%take(s%nlane, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, &

@@ -29,7 +29,7 @@ HEAD = """
 #include <string.h>
 enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
 #define DAMPED {damped}
-enum {{ GAMMA_H = 5 }}; /* place of gamma h behind functionals */
+enum {{ GAMMA_H = 5 }}; /* its place among functionals of symsde_flow in symsde.h, which does not move */
 #if DAMPED
 #define FADE_IN , const fading fade
 #define FADE , fade
