@@ -11,7 +11,7 @@
 !> instance of a body for a single path is allocated, if there is one.
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_polynomial
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path
    use symsde_base_functionals, only: path_stt_area
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
@@ -30,6 +30,7 @@ module symsde_step_factory
    use symsde_step_open_kick_law, only: can_choose
    use symsde_step_open_braked, only: braked_stepper
    use symsde_step_open_damped, only: damped_stepper, damped_fits
+   use symsde_step_open_linear_noise, only: has_linear_law
    use symsde_step_open_rubbed, only: rubbed_stepper
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_midpoint_mean_path, only: mean_path_stepper
@@ -348,17 +349,18 @@ contains
       if (allocated(error) .or. task%damping_noise == noise_of_scheme) return
       if (.not. task%damping%acts()) then
          call refuse('model '//task%model%name//' is not damped')
-      else if (.not. task%damping%is_scalar()) then
-         call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights of '// &
-                     'the closed system')
-      else if (drifts_by_quadratic_part(task) .and. task%damping_noise /= noise_polynomial) then
-         call refuse('drifts of model '//task%model%name//' are flows of its quadratic part (split), so that kicks '// &
-                     'keep the weights of the closed system')
-      else if (.not. can_choose(task%scheme)) then
-         call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
-      else if (task%damping_noise == merge(noise_law3, noise_law2, task%scheme%asks%has(path_stt_area))) then
-         task%damping_noise = noise_of_scheme
+      else if (.not. has_linear_law(task%scheme, task%model%traits, task%damping, noise_of_scheme)) then
+         if (.not. task%damping%is_scalar()) then
+            call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights '// &
+                        'of the closed system unless noises are constant in position and time')
+         else if (.not. can_choose(task%scheme)) then
+            call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
+         end if
+      else if (task%damping_noise == noise_path) then
+         call refuse('the noise along the path merges for kicks between free drifts with one rate alone')
       end if
+      if (task%damping_noise == merge(noise_law3, noise_law2, task%scheme%asks%has(path_stt_area))) &
+         task%damping_noise = noise_of_scheme
 
    contains
 

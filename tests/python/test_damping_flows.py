@@ -142,10 +142,12 @@ def test_strong_damping_of_verlet_with_dz():
 
 def test_what_is_said():
     """Polynomial weights at gamma h = 3 have a wrong temperature, of which a warning tells; where flows between
-    kicks are not free, no other noise is accepted.
+    kicks are not linear, no other noise is accepted, and between rotations none along the path.
     """
     given = {"q0": 0.1, "p0": 0.0, "step": 1.0, "steps": 1}
-    for scheme in ("gauss_dkdkd_rotation", "exact_rotation", "gauss_dkdkd_midpoint", "verlet_kdk_midpoint"):
+    with pytest.raises(IncompatibleError, match="with one rate alone"):
+        ss.simulate(SOFT.damped(1.0), scheme="gauss_dkdkd_rotation", damping_noise="path", **given)
+    for scheme in ("exact_rotation", "gauss_dkdkd_midpoint", "verlet_kdk_midpoint"):
         with pytest.warns(DoubtfulRunWarning, match="times the right mean"):
             ss.simulate(SOFT.damped(3.0), scheme=scheme, **given)
         with pytest.raises(IncompatibleError, match="no kicks between free drifts"):

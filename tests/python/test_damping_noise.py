@@ -278,8 +278,10 @@ def test_refusals():
         ss.simulate(WELL, scheme="gauss_dkdkd", **given)
     with pytest.raises(IncompatibleError, match="midpoint has no kicks"):
         ss.simulate(WELL.damped(1.0), scheme="midpoint", **given)
-    with pytest.raises(IncompatibleError, match="no single rate"):
+    with pytest.raises(IncompatibleError, match="with one rate alone"):
         ss.simulate(PAIR.damped([1.0, 2.0]), scheme="gauss_dkdkd", **given)
+    with pytest.raises(IncompatibleError, match="no single rate"):
+        ss.simulate(SYNCHROTRON.damped(lambda t: 1.0 + t), scheme="gauss_dkdkd", **given)
     with pytest.raises(IncompatibleError, match="no kicks"):
         ss.simulate(FREE.damped(1.0), scheme=ss.schemes.from_word("BAOAB"), **given)
     with pytest.raises(UnknownNameError, match="law3"):

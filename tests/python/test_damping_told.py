@@ -106,7 +106,7 @@ def test_a_doubtful_temperature_is_told_with_its_number(scheme):
 
 def test_where_doubts_begin():
     """The midpoint rule's doubts begin at gamma h = 1/4; there are none without noise, with noise of momenta, or
-    with kicks of one rate.
+    with kicks of constant noise.
     """
     how = {"q0": 0.1, "p0": 0.0, "steps": 1}
 
@@ -120,7 +120,9 @@ def test_where_doubts_begin():
     assert told(ss.model_from_sympy("p**2/2"), 1.0) == told(ss.models.kubo(a=0.1, sigma=0.1), 1.0) == 0
     assert told(ss.models.linear_oscillator(sigma=0.0), 1.0) == 0
     assert [told(FREE, 1.0, scheme) for scheme in ("gauss_dkdkd", "verlet_kdk", "chin4a")] == [0, 0, 0]
-    assert [told(PAIR, z, "gauss_dkdkd") for z in ([2.0, 2.0], [2.0, 2.5], [0.1, 0.2])] == [0, 1, 0]
+    assert [told(PAIR, z, "gauss_dkdkd") for z in ([2.0, 2.0], [2.0, 2.5], [0.1, 0.2])] == [0, 0, 0]
+    uneven = ss.model_from_sympy("(p1**2 + p2**2)/2", noise=["-sin(q1)", "-q2"])
+    assert [told(uneven, z, "gauss_dkdkd") for z in ([2.0, 2.0], [2.0, 2.5], [0.1, 0.2])] == [0, 1, 0]
 
 
 def test_kicks_that_blow_up_are_told():

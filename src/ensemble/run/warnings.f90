@@ -16,6 +16,7 @@ module symsde_ensemble_run_warnings
    use symsde_scheme_damped, only: temperature_of_weights
    use symsde_scheme_scheme, only: scheme_type, frame_rotation, splitting_form
    use symsde_step_open_kick_law, only: has_law
+   use symsde_step_open_linear_noise, only: has_linear_law
    implicit none
    private
    public :: set_up_warnings
@@ -154,6 +155,7 @@ contains
                      'noise become large and opposite; take verlet_kdk or chin4a, or a smaller step')
          return
       end if
+      if (has_linear_law(scheme, traits, damping, options%damping_noise)) return
       ratio = temperature_of_weights(scheme, z)
       if (abs(ratio - 1) > most) &
          call add(text, 'gamma*h = '//to_text(z)//' of the damping is large for '//scheme%name// &

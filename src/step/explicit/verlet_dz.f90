@@ -24,6 +24,7 @@ module symsde_step_explicit_verlet_dz
    use symsde_base_damping, only: damping_type, noise_of_scheme
    use symsde_base_functionals, only: path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_matrices, only: add_product
    use symsde_base_record, only: step_record
    use symsde_base_vectors, only: add_times
    use symsde_scheme_scheme, only: correction_none
@@ -32,7 +33,7 @@ module symsde_step_explicit_verlet_dz
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
    use symsde_step_open_kick_law, only: has_law, free_motion
-   use symsde_step_open_matrices, only: add_product
+   use symsde_step_open_linear_noise, only: linear_noise, new_linear_noise
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -47,6 +48,7 @@ module symsde_step_explicit_verlet_dz
       type(friction_flow), allocatable :: friction    !! half drifts with a matrix of friction
       integer :: damping_noise = noise_of_scheme      !! of the enumerators of base/damping
       logical :: by_law = .false.                     !! whether the noise is that of free motion
+      type(linear_noise), allocatable :: rest         !! of the exact noise of drifts without one rate
       real(wp), allocatable :: ps(:, :), lost(:, :)   !! momenta within the step; their loss by the shift (nlane, ndof)
    contains
       procedure :: make
@@ -72,6 +74,7 @@ contains
       self%damping = task%damping
       self%damping_noise = task%damping_noise
       self%by_law = has_law(task%scheme, task%damping, task%damping_noise)
+      call new_linear_noise(self%rest, task)
       allocate (self%ps, self%lost, mold=self%qs)
       if (.not. allocated(task%damping%friction)) return
       allocate (self%friction)
@@ -154,6 +157,7 @@ contains
       dq = dq - self%shift
       call rub(self, self%shift, self%lost)
       dp = dp + self%lost
+      if (allocated(self%rest)) call self%rest%add(self%ham, step, q, dq, dp)
    end subroutine damped_increment
 
    !> The weight v_k of the shift, D_k - phi(h/2) dW_k or dZ_k - h dW_k/2.

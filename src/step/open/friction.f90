@@ -17,8 +17,8 @@
 module symsde_step_open_friction
    use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
+   use symsde_base_matrices, only: multiply, add_product, halvings
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_open_matrices, only: multiply, add_product, halvings
    implicit none
    private
    public :: friction_flow, new_friction_flow
@@ -122,8 +122,8 @@ contains
       n = size(self%rate, 1)
       call integrate(n, self%rate, tau, phi)
       self%reach(:, :, leg) = phi
-      call multiply(n, self%friction, phi, braking)
-      call multiply(n, phi, self%rate, lost)
+      call multiply(n, n, self%friction, phi, braking)
+      call multiply(n, n, phi, self%rate, lost)
       do j = 1, n
          do i = 1, n
             self%brake(i, j, leg) = -braking(i, j)
@@ -150,13 +150,13 @@ contains
       end do
       phi = term
       do k = 1, nterm
-         call multiply(n, b, term, square)
+         call multiply(n, n, b, term, square)
          term = square*(-short/(k + 1))
          phi = phi + term
       end do
       do k = 1, ndouble
-         call multiply(n, phi, phi, square)
-         call multiply(n, b, square, term)
+         call multiply(n, n, phi, phi, square)
+         call multiply(n, n, b, square, term)
          phi = 2*phi - term
       end do
    end subroutine integrate

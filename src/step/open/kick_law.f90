@@ -17,6 +17,7 @@ module symsde_step_open_kick_law
    use symsde_noise_decay_law, only: decay_law2, decay_law3, decay_integral
    use symsde_scheme_kicks, only: kicks_type, flow_free
    use symsde_scheme_scheme, only: scheme_type, splitting_form, frame_shift
+   use symsde_step_open_linear_noise, only: has_linear_law
    implicit none
    private
    public :: give_law, has_law, can_choose, needed_functionals, free_motion
@@ -54,6 +55,8 @@ contains
          asked%has(path_stt_area) = asked%has(path_stt_area) .or. noise == noise_law3 .or. noise == noise_path
          asked%has(path_decay) = noise == noise_path
          if (noise == noise_path) asked%rate = damping%rate(1)
+      else if (noise == noise_law3 .and. has_linear_law(scheme, traits, damping, noise)) then
+         asked%has(path_stt_area) = .true.
       end if
       needed = asked%needed_for(traits)
    end function needed_functionals

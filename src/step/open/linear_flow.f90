@@ -11,14 +11,14 @@
 !> below rounding are left out, and with them all that is far apart in a long chain. Four rows that share most of their
 !> columns are multiplied together, since a lane is loaded once for all of them.
 module symsde_step_open_linear_flow
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
+   use symsde_base_matrices, only: exponential_less_one
    use symsde_base_vectors, only: add_times, copy
-   use symsde_step_open_matrices, only: multiply, halvings
    implicit none
    private
-   public :: linear_flow, new_linear_flow, hamiltonian_field, find_groups
+   public :: linear_flow, new_linear_flow, hamiltonian_field, damped_field, find_groups
 
-   integer, parameter :: nterm = 13  !! terms of the Taylor sum, for matrices of norm 1/4 at most
    real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries, as part of the largest of their row of exp(tau A)
 
    integer, parameter :: together = 4  !! rows, and columns, of one pass over the lanes
@@ -73,6 +73,24 @@ contains
       field(:n, :) = s(n + 1:, :)
       field(n + 1:, :) = -s(:n, :)
    end function hamiltonian_field
+
+   !> The same with momenta that decay, by rates, or by a matrix of friction where S_qp = 0.
+   pure function damped_field(s, damping) result(field)
+      real(wp), intent(in) :: s(:, :)   !! second derivatives, by q and then by p (2 ndof, 2 ndof)
+      type(damping_type), intent(in) :: damping
+      real(wp) :: field(size(s, 1), size(s, 1))
+      integer :: n, i
+
+      n = size(s, 1)/2
+      field = hamiltonian_field(s)
+      if (allocated(damping%rate)) then
+         do i = 1, n
+            field(n + i, n + i) = field(n + i, n + i) - damping%rate(i)
+         end do
+      else if (allocated(damping%friction)) then
+         field(n + 1:, n + 1:) = field(n + 1:, n + 1:) - matmul(damping%friction, s(n + 1:, n + 1:))
+      end if
+   end function damped_field
 
    !> Number the groups of degrees of freedom that a matrix couples, by q or by p: group(i) is the least number of a
    !> degree of freedom that is tied to i.
@@ -238,29 +256,6 @@ contains
          end do
       end do
    end subroutine move_group
-
-   !> exp(tau A) - 1.
-   pure subroutine exponential_less_one(n, a, tau, change)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: a(n, n), tau
-      real(wp), intent(out) :: change(n, n)
-      real(wp) :: term(n, n), product(n, n), short
-      integer :: k, ndouble
-
-      ndouble = halvings(n, a, tau)
-      short = scale(tau, -ndouble)
-      term = short*a
-      change = term
-      do k = 2, nterm
-         call multiply(n, a, term, product)
-         term = product*(short/k)
-         change = change + term
-      end do
-      do k = 1, ndouble
-         call multiply(n, change, change, product)
-         change = 2*change + product
-      end do
-   end subroutine exponential_less_one
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

@@ -7,8 +7,8 @@
 !>
 !> Of a model damped by one rate beta, gamma and eta of the first kick and the last one change with gamma h, and nothing
 !> else does (step/open/kick_law); or they get a further term, delta_i D_k/h, D_k being the noise of free motion along
-!> the path. Unequal rates keep the coefficients of the closed system, whose moments hold to the
-!> order of the scheme.
+!> the path. Unequal rates, a matrix and rotations keep the coefficients of the closed system; constant
+!> noise gets its law at the end of the step (step/open/linear_noise).
 !>
 !> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is the sum squared by force-gradient kicks, and D_kl
 !> multiplies the products H_k,q.M^-1 H_l,q. If J is not sampled, D = c h |h| delta_kl is known, and d is not filled.

@@ -43,7 +43,7 @@ module symsde_step_splitting_drift
    use symsde_base_sincos, only: sine_of
    use symsde_noise_decay_law, only: decay_integral
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
-   use symsde_step_open_linear_flow, only: linear_flow, new_linear_flow, hamiltonian_field
+   use symsde_step_open_linear_flow, only: linear_flow, new_linear_flow, hamiltonian_field, damped_field
    use symsde_step_open_varying, only: varying_decay, new_varying_decay
    implicit none
    private
@@ -141,22 +141,13 @@ contains
       real(wp), intent(in) :: s(2*ndof, 2*ndof)
       type(damping_type), intent(in), optional :: damping   !! rates, or a matrix of friction where S_qp = 0
       real(wp) :: field(2*ndof, 2*ndof)
-      integer :: i
 
       self%rotates = .true.
       self%decays = .false.
       self%inverse_mass = s(ndof + 1:, ndof + 1:)
       self%stiffness = s(:ndof, :ndof)
       field = hamiltonian_field(s)
-      if (present(damping)) then
-         if (allocated(damping%rate)) then
-            do i = 1, ndof
-               field(ndof + i, ndof + i) = field(ndof + i, ndof + i) - damping%rate(i)
-            end do
-         else if (allocated(damping%friction)) then
-            field(ndof + 1:, ndof + 1:) = field(ndof + 1:, ndof + 1:) - matmul(damping%friction, self%inverse_mass)
-         end if
-      end if
+      if (present(damping)) field = damped_field(s, damping)
       allocate (self%coupled)
       call new_linear_flow(self%coupled, field, nleg)
    end subroutine new_quadratic_flow

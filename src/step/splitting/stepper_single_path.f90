@@ -12,6 +12,7 @@ module symsde_step_splitting_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_matrices, only: add_matrix => add_product
    use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
    use symsde_base_sincos, only: sincos_one
    use symsde_base_vectors, only: add, subtract, add_times, copy, scale
@@ -23,7 +24,7 @@ module symsde_step_splitting_stepper_single_path
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_splitting_turns, only: action_turns, new_action_turns
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_open_matrices, only: add_matrix => add_product
+   use symsde_step_open_linear_noise, only: linear_noise, new_linear_noise
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
