@@ -147,6 +147,43 @@ def test_bad_input_is_refused_before_any_long_work(given, words, monkeypatch):
         ss.work_precision(model, **given)
 
 
+def test_schemes_that_do_not_fit_are_told(tmp_path):
+    """Refused schemes have a line with the reason in the table, the file and the data, and change no error of others."""
+    chosen = ["gauss_dkdkd", "midpoint", "gauss2_weak2", "heun"]
+    found = kubo(schemes=chosen, paths=100, out=tmp_path)
+    alone = kubo(schemes=["midpoint", "heun"], paths=100)
+    assert found.schemes == ["midpoint", "heun"]
+    assert [row["err_strong"] for row in found.rows] == [row["err_strong"] for row in alone.rows]
+    assert list(found.refused) == ["gauss_dkdkd", "gauss2_weak2"]
+    assert alone.refused == {}
+    for name, word in (("gauss_dkdkd", "with 8 steps: "), ("gauss2_weak2", "follow no Brownian path")):
+        assert word in found.refused[name]
+        assert f"{name} is left out: {found.refused[name]}" in str(found)
+        assert f"{name} is left out: {found.refused[name][:40]}" in (tmp_path / "work-precision.csv").read_text()
+    assert study.of_data(found.data()).refused == found.refused
+    with pytest.raises(ValueError, match="gauss_dkdkd with 8 steps"):
+        kubo(schemes=["gauss_dkdkd", "gauss2_weak2"], paths=100)
+
+
+def test_schemes_that_fail_are_told(monkeypatch):
+    """An error of one scheme's runs does not end the study; if all have errors, the first one does."""
+    measure = study.measure
+
+    def broken(plan, scheme, *rest):
+        if scheme.name in bad:
+            raise ss.errors.NumericalError(f"{scheme.name} broke")
+        return measure(plan, scheme, *rest)
+
+    monkeypatch.setattr(study, "measure", broken)
+    bad = {"midpoint"}
+    found = kubo(schemes=["midpoint", "heun"], paths=100)
+    assert found.refused == {"midpoint": "midpoint broke"}
+    assert {row["scheme"] for row in found.rows} == set(found.orders) == {"heun"}
+    bad.add("heun")
+    with pytest.raises(ss.errors.NumericalError, match="midpoint broke"):
+        kubo(schemes=["midpoint", "heun"], paths=100)
+
+
 def test_a_stopped_study_goes_on(tmp_path, monkeypatch):
     given = {"schemes": ["midpoint", "heun"], "steps": [8, 16], "paths": 60, "out": tmp_path}
     real, calls = study.cost, []

@@ -79,6 +79,7 @@ class Plan:
     name: str
     invariants: dict[str, Any] = field(default_factory=dict)
     said: dict[str, str] = field(default_factory=dict)  #: facts for the head of tables, given by the caller
+    refused: dict[str, str] = field(default_factory=dict)  #: schemes that do not fit or failed, and the reason
 
     def reference_run(self, scheme: str, steps: int):
         """Compute a reference on the shared paths, without truncation and with the correction that the scheme needs."""
@@ -171,7 +172,7 @@ def make_plan(
     )  # fmt: skip
     _try_out(plan)
     _try_invariants(plan)
-    for scheme in chosen:
+    for scheme in plan.schemes:
         plan.references[scheme.name] = _reference(plan, scheme, reference, reference_steps)
     plan.draws = max([counts[-1], *(r.steps for r in plan.references.values())])
     return plan
@@ -270,23 +271,43 @@ def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
     for scheme in chosen:
         if names.count(scheme.name) > 1:
             raise InvalidArgumentError(f"schemes: {scheme.name} is there twice: give each scheme once")
-        if scheme.info.law != "Gaussian":
-            raise InvalidArgumentError(
-                f"scheme {scheme.name} draws two- or three-point increments, which follow no Brownian path, so it has "
-                "no strong error: leave it out of the study"
-            )
     return chosen
 
 
 def _try_out(plan: Plan) -> None:
-    """Set every run up without taking a step: schemes that do not fit are refused here."""
-    for scheme in plan.schemes:
-        for n in plan.steps:
-            try:
-                plan.set_up(scheme, n, plan.paths)
-            except SymsdeError as error:
-                error.args = (f"{scheme.name} with {n} steps: {error}",)
-                raise
+    """Set every run up without taking a step. Schemes that do not fit are left out, with the reason; if none fits, the
+    first refusal is raised.
+    """
+    first = None
+    for scheme in list(plan.schemes):
+        try:
+            _try_scheme(plan, scheme)
+        except SymsdeError as error:
+            leave_out(plan, scheme, error)
+            first = first or error
+    if first and not plan.schemes:
+        raise first
+
+
+def _try_scheme(plan: Plan, scheme: Scheme) -> None:
+    """Refuse a scheme that does not fit at some step."""
+    if scheme.info.law != "Gaussian":
+        raise InvalidArgumentError(
+            f"scheme {scheme.name} draws two- or three-point increments, which follow no Brownian path, so it has no "
+            "strong error: leave it out of the study"
+        )
+    for n in plan.steps:
+        try:
+            plan.set_up(scheme, n, plan.paths)
+        except SymsdeError as error:
+            error.args = (f"{scheme.name} with {n} steps: {error}",)
+            raise
+
+
+def leave_out(plan: Plan, scheme: Scheme, error: SymsdeError) -> None:
+    """Go on without a scheme, and keep the reason."""
+    plan.schemes.remove(scheme)
+    plan.refused[scheme.name] = str(error)
 
 
 def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Reference:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from ...answers.coupled_errors import References, measure
-from ...answers.error_plan import OPTIONS, Plan, StudyOptions, make_plan
+from ...answers.error_plan import OPTIONS, Plan, StudyOptions, leave_out, make_plan
+from ...errors import SymsdeError
 from ...model.definition import Model
 from ...native import checks, files
 from ...native.progress import say
@@ -38,26 +39,29 @@ class WorkPrecision:
     orders: dict[str, orders.Order]  #: scheme -> its order, without plateaus
     resumed: int  #: number of points that an earlier run has computed
     about: dict[str, str] = field(default_factory=dict)  #: facts that all points share, for the head of the table
+    refused: dict[str, str] = field(default_factory=dict)  #: schemes without points -> why they were refused, or failed
 
     def words(self) -> str:
         """A text that recommends scheme and step for given errors."""
         return words.paragraph(self.rows)
 
     def __str__(self) -> str:
-        """The table, with one line per point."""
+        """The table, with one line per point, and one per scheme that was refused or failed."""
         head = f"{self.name}: {self.model} to t = {self.horizon:g}, {self.rows[0]['paths'] if self.rows else 0} paths"
         names = dict.fromkeys(row["reference"] for row in self.rows)
         references = " and, for schemes of nearly its order, ".join(names)
-        return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
+        left_out = "".join(f"\n{name} is left out: {why}" for name, why in self.refused.items())
+        return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}{left_out}"
 
     def data(self) -> dict:
         """The numbers of the figure, for a JSON file that `symsde.studies.study.of_data` reads."""
-        return {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
+        return {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows", "refused")}
 
     def save(self, directory: str | os.PathLike) -> None:
         """Write work-precision.csv, and with matplotlib also work-precision.png and .pdf."""
         with files.folder(directory) as target:
-            table.write_csv(target / "work-precision.csv", self.rows, self.about)
+            left_out = {f"{name} is left out": why for name, why in self.refused.items()}
+            table.write_csv(target / "work-precision.csv", self.rows, {**self.about, **left_out})
             self.plot(target / "work-precision.png", pdf=True)
 
     def plot(self, path: str | os.PathLike | None = None, *, ax=None, pdf: bool = False):
@@ -104,7 +108,9 @@ def work_precision(
     - about: names and texts for the head of the table, besides model, initial states and options
     - options: t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
 
-    Bad input raises a ValueError before the first long run. Points whose paths fail are marked.
+    Bad input raises a ValueError before the first long run. Points whose paths fail are marked. Schemes that the model
+    or an option does not fit are left out, as are those whose runs end in an error: `refused`, the table and the file
+    tell why. If that leaves none, the first reason is raised.
     """
     progress = checks.flag("progress", progress)
     plan = make_plan(
@@ -139,30 +145,39 @@ def points(plan: Plan, state: State, progress: bool):
     references = References(plan)
     total = len(plan.schemes) * len(plan.steps)
     done = 0
-    for scheme in plan.schemes:
+    first = None
+    for scheme in list(plan.schemes):
         for steps in plan.steps:
             done += 1
             _tell(progress, f"{done}/{total} {plan.name}: {scheme.name}, {steps} steps")
             key = point_key(plan, scheme, steps)
             known = state.get(key)
-            if known is None:
-                known = {**measure(plan, scheme, steps, references), **cost(plan, scheme, steps)}
+            resumed = known is not None
+            if not resumed:
+                try:
+                    known = {**measure(plan, scheme, steps, references), **cost(plan, scheme, steps)}
+                except SymsdeError as error:
+                    first = first or error
+                    leave_out(plan, scheme, error)
+                    break
                 state.put(key, known)
-                yield {**_head(plan, scheme, steps), **known, "resumed": False}
-            else:
-                yield {**_head(plan, scheme, steps), **known, "resumed": True}
+            yield {**_head(plan, scheme, steps), **known, "resumed": resumed}
     _tell(progress, "")
+    if first and not plan.schemes:
+        raise first
 
 
 def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
     """Judge all points together."""
+    rows = [row for row in rows if row["scheme"] not in plan.refused]
     for row in rows:
         row["status"] = orders.judge(row)
     front = orders.pareto(rows)
     for i, row in enumerate(rows):
         row["pareto"] = i in front
     names = [scheme.name for scheme in plan.schemes]
-    known = {"name": plan.name, "model": repr(plan.model), "horizon": plan.horizon, "schemes": names, "rows": rows}
+    known = {"name": plan.name, "model": repr(plan.model), "horizon": plan.horizon, "schemes": names, "rows": rows,
+             "refused": plan.refused}  # fmt: skip
     return of_data(known, resumed, plan.about())
 
 
@@ -171,7 +186,7 @@ def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
     known = data["name"], data["model"], data["horizon"], names, rows
-    return WorkPrecision(*known, fitted, resumed, dict(about or {}))
+    return WorkPrecision(*known, fitted, resumed, dict(about or {}), dict(data.get("refused", {})))
 
 
 def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:

@@ -127,6 +127,7 @@ def _table(study: WorkPrecision) -> str:
         cells += [str(sum(row["status"] in ("failed", "diverged") for row in rows)) + f" of {len(rows)}"]
         cells += [_cheapest(found[goal], name) for goal in goals]
         table.append(cells)
+    table += [[name, f"left out: {why}", *[""] * (len(heads) - 2)] for name, why in study.refused.items()]
     return markdown(heads, table)
 
 
