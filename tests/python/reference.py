@@ -423,7 +423,39 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None, split=Non
         force = force + 2 * kicks.kappa[i] * h * np.einsum("abl,bcl,cl->al", sums[1], mass, sums[0])
         force = force + share[i] * np.einsum("kabl,bcl,kml,mcl->al", hess[1:], mass, d + 0 * v, g[1:])
         x = np.concatenate([x[:n], x[n:] - force])
-    return flow(t + place * h, (1 - place) * h, x)
+    x = flow(t + place * h, (1 - place) * h, x)
+    if rates is None or midpoint or name == "exact_rotation" or (free and len(set(rates)) == 1):
+        return x
+    coefficients = zip(kicks.c, zip(beta, kicks.gamma, kicks.eta, strict=True), strict=True)
+    return x + _rest_of_law(model, flow, t, drive, coefficients, 3 if name.startswith("chin") else 2)
+
+
+def _rest_of_law(model, flow, t, drive, kicks, known, shift=None):
+    """What the law of the noise of a linear drift adds to that of kicks, if noises are constant: the factor of the
+    covariance times the polar factor of the means given dW, a and K; integrals by Gauss' rule, and the polar factor by
+    singular values. Zero where there are fewer normals than dimensions.
+    """
+    n, m, h = model.ndof, model.nnoise, drive.h
+    origin = np.zeros((2 * n, 1))
+    push = -model.derivative(1, t, origin)[1:, :, 0]
+    changes = [model.derivative(1, t + 1, origin)[1:, :, 0] + push, model.derivative(1, t, origin + 0.3)[1:, :, 0] + push]
+    if np.abs(changes).max(initial=0) > 0 or known * m < 2 * n:
+        return 0.0
+    noise = np.concatenate([np.zeros((n, m)), push[:, :n].T])
+    s, weight = rule("gauss9")
+    s, weight = np.concatenate([s, 1 + s]) / 2, np.concatenate([weight, weight]) / 2
+    kernel = np.array([flow(t, u * h, np.eye(2 * n)) @ noise for u in s])  # (node, component, noise)
+    shape = np.array([s**0, np.sqrt(12) * (s - 1 / 2), np.sqrt(720) * (s**2 - s + 1 / 6) / 2])[:known]
+    size = np.sqrt(np.einsum("u,uik,uik->i", weight, kernel, kernel))
+    factor = np.linalg.cholesky(np.einsum("u,uik,ujk->ij", weight, kernel, kernel) / np.outer(size, size))
+    means = np.einsum("u,ru,uik->ikr", weight, shape, kernel).reshape(2 * n, -1) / size[:, None]
+    left, _, right = np.linalg.svd(np.linalg.solve(factor, means), full_matrices=False)
+    law = (size[:, None] * (factor @ left @ right)).reshape(2 * n, m, known) * np.sqrt([1, 12, 720])[:known]
+    given = [drive.w, drive.z / h - drive.w / 2, drive.k][:known]
+    rest = sum(law[:, :, r] @ given[r] for r in range(known))
+    for c, by in kicks:
+        rest = rest - flow(t, (1 - c) * h, np.eye(2 * n)) @ noise @ sum(x * y for x, y in zip(by, given, strict=False))
+    return rest if shift is None else rest - shift(noise @ given[1])
 
 
 def _reach(z, u):
@@ -587,7 +619,15 @@ def damped_verlet_dz_step(model, t, drive, x, rates):
     kick = kick - np.einsum("kl,kal->al", shift / h, end - begin)
     x = flow(np.concatenate([half[:n], p + kick[n:]]))
     moved = np.einsum("kl,kal->al", shift, middle)[n:]
-    return x + np.concatenate([moved, -rates * moved])
+    x = x + np.concatenate([moved, -rates * moved])
+    if len(set(rates[:, 0])) == 1:
+        return x
+
+    def shifted(kick):
+        return h * np.concatenate([kick[n:], -rates * kick[n:]])
+
+    whole = partial(_decay_flow, model, rates)
+    return x + _rest_of_law(model, whole, t, drive, [(1 / 2, (1, 0, 0))], 2, shifted)
 
 
 def averaged_shift_step(model, t, drive, x, exact):
