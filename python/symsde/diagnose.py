@@ -17,6 +17,8 @@ from .native.checks import address
 from .native.progress import Monitor
 from .run.bath_law import BathLaw, bath_law
 from .run.setup import Setup, increments_array, make_options, make_setup
+from .run.exact_moments import ExactMoments, exact_moments
+from .run.setup import Setup, increments_array, make_options
 from .run.simulate import Run
 from .run.step import increments_at, of_options
 from .run.tangent import take_vectors
@@ -24,12 +26,14 @@ from .schemes import Scheme, as_scheme
 
 __all__ = [
     "BathLaw",
+    "ExactMoments",
     "StationaryPath",
     "action",
     "bath_law",
     "driving_increments",
     "euler_lagrange_residual",
     "exact",
+    "exact_moments",
     "exact_of",
     "stationary_path",
     "symplecticity",

@@ -6,7 +6,8 @@
 !>    linear_oscillator,    Y_{k+1} = F Y_k + u_k, Y = (q,p), F = (cos h, sin h; -sin h, cos h),
 !>    additive_oscillator   u_k = sigma (C_1; -S_1) + gamma (S_2; C_2)         (after [WHSB] (92))
 !>
-!>    quadratic models      whose flows commute: the flow of t H + sum_k W_k(t) H_k (diagnose/linear_flow)
+!>    quadratic models      whose flows commute: the flow of t H + sum_k W_k(t) H_k (diagnose/linear_flow); or with
+!>                          constant noise, step by step (diagnose/linear_steps); damped by rates or a matrix, too
 !>
 !> with C_k = int cos(h - s) dW_k(s) and S_k = int sin(h - s) dW_k(s) over the step: sigma moves q, gamma moves p.
 !>
@@ -29,7 +30,7 @@
 !> solution follows the Brownian path itself. Prescribed increments are used as given; if the scheme uses dZ, then dZ of
 !> the polygon through them, as in the run.
 module symsde_diagnose_exact
-   use symsde_base_functionals, only: path_dz, path_stt_area
+   use symsde_base_functionals, only: path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, path_of_lane
    use symsde_base_laws, only: law_gaussian, law_text
@@ -37,6 +38,7 @@ module symsde_diagnose_exact
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation, incompatible
    use symsde_base_text, only: to_text
    use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
+   use symsde_diagnose_linear_steps, only: linear_steps, new_linear_steps
    use symsde_ensemble_run_driver, only: new_noise
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, noise_path, check_options, saved_count
@@ -49,6 +51,7 @@ module symsde_diagnose_exact
    use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
+   use symsde_step_open_kick_law, only: needed_functionals
    implicit none
    private
    public :: exact_solution
@@ -60,6 +63,7 @@ module symsde_diagnose_exact
       real(wp) :: sigma = 0                    !! kubo: noise of the angular velocity
       real(wp), allocatable :: to_q(:), to_p(:)  !! additive: dW_k in dq and in dp (nnoise)
       type(linear_flow), allocatable :: flow   !! flow of a quadratic model whose flows commute
+      type(linear_steps), allocatable :: steps !! of a quadratic model with constant noise
    end type oscillator
 
    !> State of one block of paths.
@@ -107,9 +111,13 @@ contains
       fine = finest(options)
       ! Draw with the generator of the run for the same paths and steps, which gives the same increments.
       call new_noise(noise, model, fine, lost, error, given)
-      if (present(scheme)) call ask_for(scheme, model, noise, error)
+      if (present(scheme)) call ask_for(scheme, model, options%damping_noise, noise, error)
       if (allocated(error)) return
       ! From here on `step` is the step of the draws.
+      if (system%additive .and. allocated(system%flow)) then
+         allocate (system%steps)
+         call new_linear_steps(system%steps, system%flow%n, noise%nnoise, system%flow%field, fine%step, noise%common)
+      end if
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
       ! Blocks of paths are the outer loop, and the steps at which the noise is drawn the inner one.
       do while (work%first < fine%npath)
@@ -137,9 +145,10 @@ contains
    end subroutine exact_solution
 
    !> Request the functionals that the scheme uses.
-   subroutine ask_for(scheme, model, noise, error)
+   subroutine ask_for(scheme, model, damping_noise, noise, error)
       type(scheme_type), intent(in) :: scheme
       class(model_type), intent(in) :: model
+      integer, intent(in) :: damping_noise   !! an enumerator of base/damping
       class(noise_type), allocatable, intent(inout) :: noise
       type(error_type), allocatable, intent(inout) :: error
 
@@ -152,7 +161,10 @@ contains
          return
       end if
       ! The same functionals are requested from the same source, so that it draws the same numbers as in the run.
-      noise%asked = scheme%asks%needed_for(model%traits)
+      noise%asked = needed_functionals(scheme, model%traits, model%damping, damping_noise)
+      if (noise%asked%has(path_decay)) &
+         call raise(error, incompatible, 'exact_solution', 'the exact solution is drawn given dW, dZ and K, and this '// &
+                    'run draws the noise of damped free motion along its path, too: leave damping_noise out')
    end subroutine ask_for
 
    !> Get increments of the steps 2*pair and 2*pair+1; for additive noise also H_k and K_k, from the run, or drawn here
@@ -194,11 +206,14 @@ contains
       type(run_options), intent(in) :: options
       type(oscillator), intent(out) :: system
       type(error_type), allocatable, intent(inout) :: error
-      character(:), allocatable :: reason
       integer :: k
 
-      call model%refuse_open('exact_solution', 'the exact solution', error)
+      call model%refuse_forces('exact_solution', 'the exact solution', error)
       if (allocated(error)) return
+      if (model%damping%acts()) then
+         call recognise_linear(model, options, system, error)
+         return
+      end if
       select type (model)
       type is (kubo_model)
          !   H_p(0, 1) = a,   H_1,p(0, 1) = sigma
@@ -209,15 +224,8 @@ contains
       type is (additive_oscillator_model)
          system%additive = .true.
       class default
-         ! Any other model may be linear with commuting flows: read its fields and test them.
-         allocate (system%flow)
-         call new_linear_flow(system%flow, model, options%t0, &
-                              options%t0 + options%step*real(options%first_step + options%nstep, wp), reason)
-         if (len(reason) > 0) &
-            call raise(error, missing_operation, 'exact_solution', 'this model '//reason//' and has no exact '// &
-                       'solution in the library: kubo, linear_oscillator, additive_oscillator and quadratic models '// &
-                       'whose flows commute have; compare with a run at a much smaller step on the same path '// &
-                       '(refine) instead')
+         call recognise_linear(model, options, system, error)
+         return
       end select
       if (.not. system%additive) return
       ! The noise enters as dq = .. + H_k,p dW_k and dp = .. - H_k,q dW_k.
@@ -228,6 +236,26 @@ contains
          system%to_p(k) = -slope(model, k, 0.0_wp, in_q=.true.)
       end do
    end subroutine recognise
+
+   !> A model may be linear, with commuting flows or with constant noise: read its fields and test them.
+   subroutine recognise_linear(model, options, system, error)
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      type(oscillator), intent(inout) :: system
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: reason
+
+      allocate (system%flow)
+      call new_linear_flow(system%flow, model, options%t0, &
+                           options%t0 + options%step*real(options%first_step + options%nstep, wp), reason)
+      if (len(reason) > 0) then
+         call raise(error, missing_operation, 'exact_solution', 'this model '//reason//' and has no exact '// &
+                    'solution in the library: kubo, linear_oscillator, additive_oscillator and quadratic models '// &
+                    'whose flows commute or whose noise is constant have; compare with a run at a much smaller step '// &
+                    'on the same path (refine) instead')
+      end if
+      system%additive = .not. system%flow%commutes
+   end subroutine recognise_linear
 
    !> dH_k/dp, or dH_k/dq, at (q, p) = (0, x) or (x, 0).
    real(wp) function slope(model, k, x, in_q)
@@ -364,6 +392,12 @@ contains
             ! a run.
             call add_compensated(work%nlane, work%store%w(:, k, half), work%sum_w(:, k), work%low(:, k))
          end do
+         return
+      end if
+      if (allocated(system%steps)) then
+         call system%steps%take(work%nlane, size(work%q, 2), noise%nnoise, options%seed, work%request%path, n, &
+                                work%store%w(:, 1:, half), work%shape(:, :, half), work%stt_area(:, :, half), &
+                                work%q, work%p)
          return
       end if
       ! The versine 1 - cos h is computed without cancellation.

@@ -10,6 +10,9 @@
 !> commute if A_i A_j = A_j A_i and A_i b_j = A_j b_i, up to rounding. With b_j as an additional column the solution is
 !> one matrix exponential.
 !>
+!> Momenta may be damped, by rates or by a matrix of friction, which are part of A_0. Where flows do not commute but noise
+!> is constant, A_k = 0, the fields serve single steps (diagnose/linear_steps).
+!>
 !> In the Stratonovich sense d exp(X) = exp(X) dX if all X(t) commute with each other, as sums of commuting F_j do; so
 !> exp(t F_0 + sum_k W_k F_k) solves the equation, and no intermediate steps are needed.
 module symsde_diagnose_linear_flow
@@ -24,9 +27,9 @@ module symsde_diagnose_linear_flow
    real(wp), parameter :: looked_at(6) = [0.0_wp, 0.11_wp, 0.37_wp, 0.5_wp, 0.79_wp, 1.0_wp]  !! fractions of t1 - t0
 
    type :: linear_flow
-      private
       integer :: n = 0                                       !! components of z = (q, p)
       real(wp), allocatable :: field(:, :, :)                !! (A_j, b_j; 0, 0) (n + 1, n + 1, 0:nnoise)
+      logical :: commutes = .true.                           !! else noise is constant
    contains
       procedure :: solve
    end type linear_flow
@@ -47,6 +50,10 @@ contains
       ! Only models that declare the trait are tried, even if other models are linear.
       if (.not. model%traits%quadratic) then
          reason = 'is not declared quadratic'
+      else if (.not. model%damping%is_constant()) then
+         reason = 'has rates of damping that are functions'
+      else if (allocated(model%damping%friction) .and. .not. model%traits%has_constant_mass()) then
+         reason = 'does not declare a constant mass, on whose velocities friction acts'
       else if (max(model%traits%ndof, m) > largest) then
          reason = 'has more than 64 degrees of freedom or noises'
       end if
@@ -63,9 +70,11 @@ contains
       do j = 0, m
          do i = 0, j - 1
             ! The extra row is zero, so that one matrix product tests both conditions.
-            if (.not. commute(self%field(:, :, i), self%field(:, :, j))) reason = 'has flows that do not commute'
+            self%commutes = self%commutes .and. commute(self%field(:, :, i), self%field(:, :, j))
          end do
       end do
+      if (len(reason) == 0 .and. .not. self%commutes .and. any(abs(self%field(:self%n, :self%n, 1:)) > 0)) &
+         reason = 'has flows that do not commute, and noise that is not constant'
    end subroutine new_linear_flow
 
    !> A_j and b_j: halves of differences and sums of the field at opposite unit points.
@@ -115,7 +124,7 @@ contains
       end do
    end function holds
 
-   !> (H_j,p, -H_j,q) at one point.
+   !> (H_j,p, -H_j,q) at one point, of H with its damping.
    subroutine field_at(self, model, t, j, z, field)
       type(linear_flow), intent(in) :: self
       class(model_type), intent(in) :: model
@@ -133,6 +142,9 @@ contains
       call model%gradient(1, d, model%traits%nnoise, t, w, q, p, hq, hp)
       field(:d) = hp(1, :)
       field(d + 1:) = -hq(1, :)
+      if (j > 0) return
+      if (allocated(model%damping%rate)) field(d + 1:) = field(d + 1:) - model%damping%rate*z(d + 1:)
+      if (allocated(model%damping%friction)) field(d + 1:) = field(d + 1:) - matmul(model%damping%friction, hp(1, :))
    end subroutine field_at
 
    !> Whether a b = b a, up to rounding of the products.

@@ -21,6 +21,7 @@ import numpy as np
 from ..errors import IncompatibleError, TooLargeError
 from ..model.definition import Model, require_model, require_unforced
 from ..native import checks
+from ..run.exact_moments import exponential, linear_field
 from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
 
@@ -90,7 +91,7 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
     size = 2 * model.ndof
     known = bool(np.isfinite(second).all() and np.abs(first - second).max() < _AGREE * (1 + np.abs(second).max()))
     growth = _radius(second) if known else math.inf
-    exact = _radius(_exponential(_generator(model, step, t)))
+    exact = _radius(exponential(_generator(model, step, t)))
     mean = _radius(moments[1][0]) if np.isfinite(moments[1][0]).all() else math.inf
     return MeanSquare(growth, exact, mean, second.reshape(size * size, size * size))
 
@@ -132,7 +133,7 @@ def _of_one_matrix(model: Model, scheme: Scheme, step: float, t: float) -> MeanS
     size = 2 * model.ndof
     matrix = _maps(model, scheme, step, t, np.zeros((_ROWS, model.nnoise, 1)))[0]
     radius = _radius(matrix) if np.isfinite(matrix).all() else math.inf
-    rates = np.linalg.eigvals(_flow(model, 0, t)).real * step
+    rates = np.linalg.eigvals(linear_field(model, 0, t)).real * step
     pairs = np.kron(matrix, matrix) if size**4 <= MOST_ENTRIES else None
     return MeanSquare(radius**2, math.exp(2 * rates.max()), radius, pairs)
 
@@ -186,42 +187,17 @@ def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray)
     return (ends[:, :, 1:] - ends[:, :, :1]).transpose(1, 0, 2)
 
 
-def _flow(model: Model, j: int, t: float) -> np.ndarray:
-    """The matrix J H_j'' of the field of H_j; for H with the damping."""
-    w = np.zeros(model.nnoise + 1)
-    w[j] = 1
-    qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
-    loss = np.zeros_like(pp)
-    if j == 0 and model.damping:
-        damping = np.array(model.damping)
-        loss = damping @ pp if model.has_friction else np.diag(damping)
-    return np.block([[qp, pp], [-qq, -qp.T - loss]])
-
-
 def _generator(model: Model, step: float, t: float) -> np.ndarray:
     """The exponent for second moments of the Stratonovich equations over a step: h (A x 1 + 1 x A) + |h| sum_k (B_k x
     B_k + C_k x 1
     + 1 x C_k), C_k = B_k^2/2 the Ito term: increments have the variance |h| backward, too.
     """
     size = 2 * model.ndof
-    flows = [_flow(model, j, t) for j in range(model.nnoise + 1)]
+    flows = [linear_field(model, j, t) for j in range(model.nnoise + 1)]
     zero, one = np.zeros((size, size)), np.eye(size)
     drift = step * flows[0] + abs(step) * sum((b @ b for b in flows[1:]), zero) / 2
     pairs = abs(step) * sum((np.kron(b, b) for b in flows[1:]), np.kron(zero, zero))
     return np.kron(drift, one) + np.kron(one, drift) + pairs
-
-
-def _exponential(matrix: np.ndarray) -> np.ndarray:
-    """Matrix exponential by scaling, Taylor and squaring; the matrices are small."""
-    halvings = max(0, math.ceil(math.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-300))) + 4)
-    scaled, term = matrix / 2**halvings, np.eye(len(matrix))
-    result = term.copy()
-    for k in range(1, 14):
-        term = term @ scaled / k
-        result += term
-    for _ in range(halvings):
-        result = result @ result
-    return result
 
 
 def _radius(matrix: np.ndarray) -> float:
