@@ -16,9 +16,8 @@ from .native import abi, checks
 from .native.checks import address
 from .native.progress import Monitor
 from .run.bath_law import BathLaw, bath_law
-from .run.setup import Setup, increments_array, make_options, make_setup
 from .run.exact_moments import ExactMoments, exact_moments
-from .run.setup import Setup, increments_array, make_options
+from .run.setup import Setup, increments_array, make_options, make_setup
 from .run.simulate import Run
 from .run.step import increments_at, of_options
 from .run.tangent import take_vectors
@@ -190,9 +189,10 @@ def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | Non
 def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for models with a known solution.
 
-    These are kubo, linear_oscillator, additive_oscillator, and all quadratic models whose flows commute, also your own.
-    Other models raise MissingOperationError. The solution is driven by the same dW and dZ as the run. Schemes with two-
-    or three-point increments raise IncompatibleError.
+    These are kubo, linear_oscillator, additive_oscillator, and all quadratic models whose flows commute or whose noise
+    is constant, also your own, closed or damped by numbers or a matrix, of up to 64 degrees of freedom. Other models
+    raise MissingOperationError. The solution is driven by the same dW, dZ and K as the run. Schemes with two- or
+    three-point increments, and damping_noise="path", raise IncompatibleError.
     """
     return exact_of(_setup_of(run))
 

@@ -3,7 +3,7 @@
 !> vector call for most lanes and a scalar call for the rest, with different last bits; here each lane is a pure
 !> function of its own argument.
 !>
-!>    -x = n ln 2 + r,  |r| <= (ln 2)/2:      exp(-x) - 1 = 2^n e + (2^n - 1),   e = exp(r) - 1 = r + r^2 (1/2 + r/6 + ..)
+!>    -x = n ln 2 + r,  |r| <= (ln 2)/2:   exp(-x) - 1 = 2^n e + (2^n - 1),  e = exp(r) - 1 = r + r^2 (1/2 + r/6 + ..)
 module symsde_base_exponential
    use symsde_base_kinds, only: wp, i8
    implicit none

@@ -163,8 +163,8 @@ contains
       ! The same functionals are requested from the same source, so that it draws the same numbers as in the run.
       noise%asked = needed_functionals(scheme, model%traits, model%damping, damping_noise)
       if (noise%asked%has(path_decay)) &
-         call raise(error, incompatible, 'exact_solution', 'the exact solution is drawn given dW, dZ and K, and this '// &
-                    'run draws the noise of damped free motion along its path, too: leave damping_noise out')
+         call raise(error, incompatible, 'exact_solution', 'the exact solution is drawn given dW, dZ and K, and '// &
+                    'this run draws the noise of damped free motion along its path, too: leave damping_noise out')
    end subroutine ask_for
 
    !> Get increments of the steps 2*pair and 2*pair+1; for additive noise also H_k and K_k, from the run, or drawn here
@@ -251,8 +251,8 @@ contains
       if (len(reason) > 0) then
          call raise(error, missing_operation, 'exact_solution', 'this model '//reason//' and has no exact '// &
                     'solution in the library: kubo, linear_oscillator, additive_oscillator and quadratic models '// &
-                    'whose flows commute or whose noise is constant have; compare with a run at a much smaller step '// &
-                    'on the same path (refine) instead')
+                    'whose flows commute or whose noise is constant have; compare with a run at a much smaller '// &
+                    'step on the same path (refine) instead')
       end if
       system%additive = .not. system%flow%commutes
    end subroutine recognise_linear

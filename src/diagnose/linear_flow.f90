@@ -10,8 +10,8 @@
 !> commute if A_i A_j = A_j A_i and A_i b_j = A_j b_i, up to rounding. With b_j as an additional column the solution is
 !> one matrix exponential.
 !>
-!> Momenta may be damped, by rates or by a matrix of friction, which are part of A_0. Where flows do not commute but noise
-!> is constant, A_k = 0, the fields serve single steps (diagnose/linear_steps).
+!> Momenta may be damped, by rates or by a matrix of friction, which are part of A_0. Where flows do not commute but
+!> noise is constant, A_k = 0, the fields serve single steps (diagnose/linear_steps).
 !>
 !> In the Stratonovich sense d exp(X) = exp(X) dX if all X(t) commute with each other, as sums of commuting F_j do; so
 !> exp(t F_0 + sum_k W_k F_k) solves the equation, and no intermediate steps are needed.

@@ -27,7 +27,7 @@ module symsde_noise_linear_law
    integer, parameter :: nterm = 20                         !! terms of Taylor sums, for matrices of norm 1/4 at most
    integer, parameter :: most = 150                         !! iterations from a smallest singular value of 1e-16
    real(wp), parameter :: negligible = 100*epsilon(1.0_wp)  !! pivots of correlations that count as zero
-   real(wp), parameter, public :: inverse_deviation(3) = [1.0_wp, sqrt(12.0_wp), sqrt(720.0_wp)]  !! of dW, a, K at h = 1
+   real(wp), parameter, public :: inverse_deviation(3) = [1.0_wp, sqrt(12.0_wp), sqrt(720.0_wp)]  !! of dW, a, K
 
 contains
 

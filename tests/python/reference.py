@@ -427,10 +427,10 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None, split=Non
     if rates is None or midpoint or name == "exact_rotation" or (free and len(set(rates)) == 1):
         return x
     coefficients = zip(kicks.c, zip(beta, kicks.gamma, kicks.eta, strict=True), strict=True)
-    return x + _rest_of_law(model, flow, t, drive, coefficients, 3 if name.startswith("chin") else 2)
+    return x + _rest_of_law(model, flow, t, drive, kicks=coefficients, known=3 if name.startswith("chin") else 2)
 
 
-def _rest_of_law(model, flow, t, drive, kicks, known, shift=None):
+def _rest_of_law(model, flow, t, drive, *, kicks, known, shift=None):
     """What the law of the noise of a linear drift adds to that of kicks, if noises are constant: the factor of the
     covariance times the polar factor of the means given dW, a and K; integrals by Gauss' rule, and the polar factor by
     singular values. Zero where there are fewer normals than dimensions.
@@ -438,7 +438,10 @@ def _rest_of_law(model, flow, t, drive, kicks, known, shift=None):
     n, m, h = model.ndof, model.nnoise, drive.h
     origin = np.zeros((2 * n, 1))
     push = -model.derivative(1, t, origin)[1:, :, 0]
-    changes = [model.derivative(1, t + 1, origin)[1:, :, 0] + push, model.derivative(1, t, origin + 0.3)[1:, :, 0] + push]
+    changes = [
+        model.derivative(1, t + 1, origin)[1:, :, 0] + push,
+        model.derivative(1, t, origin + 0.3)[1:, :, 0] + push,
+    ]
     if np.abs(changes).max(initial=0) > 0 or known * m < 2 * n:
         return 0.0
     noise = np.concatenate([np.zeros((n, m)), push[:, :n].T])
@@ -627,7 +630,7 @@ def damped_verlet_dz_step(model, t, drive, x, rates):
         return h * np.concatenate([kick[n:], -rates * kick[n:]])
 
     whole = partial(_decay_flow, model, rates)
-    return x + _rest_of_law(model, whole, t, drive, [(1 / 2, (1, 0, 0))], 2, shifted)
+    return x + _rest_of_law(model, whole, t, drive, kicks=[(1 / 2, (1, 0, 0))], known=2, shift=shifted)
 
 
 def averaged_shift_step(model, t, drive, x, exact):

@@ -147,7 +147,11 @@ def test_refusals():
         (ss.model_from_sympy("p**2/2 + t*q**2"), IncompatibleError, "change in time"),
         (free.damped(lambda t: 1 + t), IncompatibleError, "functions"),
         (ss.models.kubo().forced(lambda q, p, t: -q), IncompatibleError, "forces"),
-        (ss.model_from_sympy(" + ".join(f"p{i}**2 + q{i}**2" for i in range(1, 10)), noise=["q1*p1"]), TooLargeError, "9"),
+        (
+            ss.model_from_sympy(" + ".join(f"p{i}**2 + q{i}**2" for i in range(1, 10)), noise=["q1*p1"]),
+            TooLargeError,
+            "9",
+        ),
     ):
         with pytest.raises(error, match=word):
             ss.diagnose.exact_moments(model, q0=0.0, p0=0.0, t=1.0)

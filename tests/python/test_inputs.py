@@ -172,6 +172,7 @@ OWN = {
         {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
         {"compensated": True, **LOW, "paths": 3},
     ],
+    "diagnose.exact_moments": [{**ONE_STATE, "t": [0.5, 1.0], "covariance": np.eye(2)}],
     "diagnose.bath_law": [{"gamma": 0.5, "omega": 2.0}, {"scheme": "lobatto2", "gamma": 0.5, "friction": "force"}],
     "schemes.from_word": [{"word": "BAOAB"}],
     "thermostat": [

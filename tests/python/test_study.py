@@ -148,7 +148,7 @@ def test_bad_input_is_refused_before_any_long_work(given, words, monkeypatch):
 
 
 def test_schemes_that_do_not_fit_are_told(tmp_path):
-    """Refused schemes have a line with the reason in the table, the file and the data, and change no error of others."""
+    """Refused schemes have a line with the reason in the table, the file and the data, and change no errors."""
     chosen = ["gauss_dkdkd", "midpoint", "gauss2_weak2", "heun"]
     found = kubo(schemes=chosen, paths=100, out=tmp_path)
     alone = kubo(schemes=["midpoint", "heun"], paths=100)

@@ -70,7 +70,7 @@ class OpenSystem:
         symplectic, and `diagnose.symplecticity` measures the distance from that factor. Runs take tableaux (midpoint,
         gauss2, stormer_verlet ..; of several stages between two half decays where the damping is a matrix or a
         function, with order two without noise) and free drifts with kicks (gauss_dkdkd, verlet_kdk, chin4a and their
-        _strong2). Other schemes, brackets of H, exact solutions and actions are refused (IncompatibleError).
+        _strong2). Other schemes, brackets of H and actions are refused (IncompatibleError).
         """
         closed = self._closed or self
         other = copied(closed)

@@ -62,7 +62,7 @@ def exact_moments(
     fields = _known_fields(model, start, times[-1])
     constant = not np.abs(fields[1:, :-1, :-1]).max(initial=0.0) > 0
     if n > MOST[constant]:
-        raise TooLargeError(f"model {model.name} has {n} degrees of freedom: {MOST[constant]} are allowed for its noise")
+        raise TooLargeError(f"model {model.name} has {n} degrees of freedom: its noise allows {MOST[constant]}")
     advance = _by_covariance if constant else _by_squares
     means, spreads, at = [], [], start
     for time in times:

@@ -4,14 +4,15 @@
 !>
 !>    P (dW, a, K) = sum_i exp((1 - c_i) h M) (0, -g) w_i,     g_k = H_k,q,  M the matrix of the drift
 !>
-!> instead of xi = int exp(u M) (0, -g) dW. At the end of the step the state moves by (L - P) (dW, a, K), where L gives xi
-!> its law (noise/linear_law). This has mean zero and the size h^(5/2), or h^(7/2) where kicks follow K, so that orders
-!> stay; and it does not depend on the state, so that steps shrink volume as the drift does. Verlet with dZ has the kick
-!> dW in the middle and the shift (h a, -h Gamma a) of the state, in units of -g.
+!> instead of xi = int exp(u M) (0, -g) dW. At the end of the step the state moves by (L - P) (dW, a, K), where L gives
+!> xi its law (noise/linear_law). This has mean zero and the size h^(5/2), or h^(7/2) where kicks follow K, so that
+!> orders stay; and it does not depend on the state, so that steps shrink volume as the drift does. Verlet with dZ has
+!> the kick dW in the middle and the shift (h a, -h Gamma a) of the state, in units of -g.
 !>
 !> Degrees of freedom that the drift or noises tie to each other are a part with matrices of its own, q/h and p being
 !> its components: each is alone where rates, or frequencies, differ and every noise touches one. A part of too many
-!> keeps the weights of the closed system, and so does a part whose law has more dimensions than its noises have normals.
+!> keeps the weights of the closed system, and so does a part whose law has more dimensions than its noises have
+!> normals.
 module symsde_step_open_linear_noise
    use symsde_base_damping, only: damping_type, noise_law2, noise_law3, noise_path, noise_polynomial
    use symsde_base_functionals, only: path_dz, path_stt_area
