@@ -11,7 +11,8 @@
 !> instance of a body for a single path is allocated, if there is one.
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path, &
+                                   noise_polynomial
    use symsde_base_functionals, only: path_stt_area
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
@@ -353,6 +354,9 @@ contains
          if (.not. task%damping%is_scalar()) then
             call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights '// &
                         'of the closed system unless noises are constant in position and time')
+         else if (drifts_by_quadratic_part(task) .and. task%damping_noise /= noise_polynomial) then
+            call refuse('drifts of model '//task%model%name//' are flows of its quadratic part (split), so that '// &
+                        'kicks keep the weights of the closed system unless noises are constant in position and time')
          else if (.not. can_choose(task%scheme)) then
             call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
          end if

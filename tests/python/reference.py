@@ -426,7 +426,7 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None, split=Non
     x = flow(t + place * h, (1 - place) * h, x)
     if rates is None or midpoint or name == "exact_rotation" or (free and len(set(rates)) == 1):
         return x
-    coefficients = zip(kicks.c, zip(beta, kicks.gamma, kicks.eta, strict=True), strict=True)
+    coefficients = [(c, (beta[i], kicks.gamma[i], kicks.eta[i])) for i, c in enumerate(kicks.c)]
     return x + _rest_of_law(model, flow, t, drive, kicks=coefficients, known=3 if name.startswith("chin") else 2)
 
 
@@ -442,7 +442,7 @@ def _rest_of_law(model, flow, t, drive, *, kicks, known, shift=None):
         model.derivative(1, t + 1, origin)[1:, :, 0] + push,
         model.derivative(1, t, origin + 0.3)[1:, :, 0] + push,
     ]
-    if np.abs(changes).max(initial=0) > 0 or known * m < 2 * n:
+    if not m or np.abs(changes).max() > 0:
         return 0.0
     noise = np.concatenate([np.zeros((n, m)), push[:, :n].T])
     s, weight = rule("gauss9")
@@ -450,9 +450,13 @@ def _rest_of_law(model, flow, t, drive, *, kicks, known, shift=None):
     kernel = np.array([flow(t, u * h, np.eye(2 * n)) @ noise for u in s])  # (node, component, noise)
     shape = np.array([s**0, np.sqrt(12) * (s - 1 / 2), np.sqrt(720) * (s**2 - s + 1 / 6) / 2])[:known]
     size = np.sqrt(np.einsum("u,uik,uik->i", weight, kernel, kernel))
-    factor = np.linalg.cholesky(np.einsum("u,uik,ujk->ij", weight, kernel, kernel) / np.outer(size, size))
+    value, vector = np.linalg.eigh(np.einsum("u,uik,ujk->ij", weight, kernel, kernel) / np.outer(size, size))
+    value, vector = value[value > 1e-12], vector[:, value > 1e-12]
+    if len(value) > known * m:
+        return 0.0
+    factor = vector * np.sqrt(value)
     means = np.einsum("u,ru,uik->ikr", weight, shape, kernel).reshape(2 * n, -1) / size[:, None]
-    left, _, right = np.linalg.svd(np.linalg.solve(factor, means), full_matrices=False)
+    left, _, right = np.linalg.svd(factor.T / value[:, None] @ means, full_matrices=False)
     law = (size[:, None] * (factor @ left @ right)).reshape(2 * n, m, known) * np.sqrt([1, 12, 720])[:known]
     given = [drive.w, drive.z / h - drive.w / 2, drive.k][:known]
     rest = sum(law[:, :, r] @ given[r] for r in range(known))
