@@ -12,7 +12,7 @@
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path, &
-                                   noise_polynomial
+                                  noise_polynomial
    use symsde_base_functionals, only: path_stt_area
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument

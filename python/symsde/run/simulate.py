@@ -283,9 +283,9 @@ def simulate(
     - area_time: time scale of areas from the path, area_time/(12 step) sub-increments a step; by default derived from
       the model
     - damping_noise: of schemes of kicks between linear damped drifts, the noise that these get: its law from dW and dZ
-      ("law2"), or from dW, dZ and K ("law3"), by default "law", the one whose functionals the scheme draws; "path", that
-      of the path itself, so that steps of any length agree, with one rate; or "polynomial", weights as without damping.
-      Without one rate the law is that of constant noises
+      ("law2"), or from dW, dZ and K ("law3"), by default "law", the one whose functionals the scheme draws; "path",
+      that of the path itself, so that steps of any length agree, with one rate; or "polynomial", weights as without
+      damping. Without one rate the law is that of constant noises
     - common_noise: numbers k, 1 to 64, of noises that all paths share: every path gets the W_k of path 0, with
       its functionals. All other noises are independent between paths. Standard errors of moments are then those given
       the common noises
