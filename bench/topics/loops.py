@@ -90,7 +90,7 @@ def rows() -> Iterator[Row]:
     for kind, target in (("heun", 1 / 15), ("splitting", 1 / 40)):
         words_of = {"heun": "Heun's method", "splitting": "a splitting that keeps the norm"}[kind]
         name = f"ring of 16 gauss_dkdkd beside {words_of}, rms 1e-3"
-        yield Row("error", name, 256, round(target, 3), partial(on_a_ring, kind))
+        yield Row("error", name, 64, round(target, 3), partial(on_a_ring, kind))
     yield from rows_that_save()
     yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
     for name in ("kubo midpoint", "fpu64 midpoint"):
@@ -187,8 +187,8 @@ def on_a_ring(kind: str) -> tuple[Run, Run]:
 
     steps = lattice.STEPS["gauss_dkdkd"]
     model = ss.model_from_sympy(**lattice.formulas())
-    ours = library(model, "gauss_dkdkd", 256, lattice.END / steps, q0=lattice.START)
-    theirs = lattice.run_of(kind, 256)
+    ours = library(model, "gauss_dkdkd", 64, lattice.END / steps, q0=lattice.START)
+    theirs = lattice.run_of(kind, 64)
     return lambda n: ours(n * steps), theirs
 
 
