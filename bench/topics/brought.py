@@ -140,9 +140,10 @@ def kicks(dw: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 ABOUT = """Closed scenes of `bench/peers/brought.py`, by formula, up to $T = 4$: a double well with noises $q$ and
 $q^2$; two Duffing oscillators with three noises; three bodies in a plane; a $\\phi^4$ ring of 64 with noise
-$0.1\\,q_k^2$ at each site; a charge in a magnetic field with additive noise; a discrete nonlinear Schrödinger ring of 16 with phase
-noise at each site. Loops are what an expert writes in numba, with -ffast-math: one kick with dW between exact drifts
-(Strang), two kicks with dZ (Gauss), Heun's rule for the ring. Times are those of the processor on one thread."""
+$0.1\\,q_k^2$ at each site; a charge in a magnetic field with additive noise; a discrete nonlinear Schrödinger ring of
+16 with phase noise at each site. Loops are what an expert writes in numba, with -ffast-math: one kick with dW between
+exact drifts (Strang), two kicks with dZ (Gauss), Heun's rule for the ring. Times are those of the processor on one
+thread."""
 STEPS_TOLD = """*Steps* are those for a root mean square error in $(q, p)$ at $T$, by a power law between measured
 errors, or beyond them (*), on the same paths. *Share* is the time of the library's best scheme over that of the row."""
 
