@@ -146,6 +146,10 @@ class UnusedParameterWarning(UserWarning):
     """A parameter of formulas that no formula uses."""
 
 
+class KinkWarning(UserWarning):
+    """A formula has a kink or a jump; the message says which orders hold."""
+
+
 class OwnNoiseWarning(UserWarning):
     """A model in a heat bath has noises of its own, which heat it beside the bath."""
 

@@ -32,6 +32,8 @@ SCENES = {
     # functions that languages lack, and functions that appear in derivatives
     "walls": '[model]\nH = "p**2/2 + sech(q) + a*coth(q+2) + csch(q+3) + erfc(q) + log(cosh(q)) + log(1+exp(q))"\n'
     'noise = ["0.1*log(1+exp(-q))*tanh(q)"]\n[model.params]\na = 0.2\n' + RUN,
+    "kinks": '[model]\nH = "p**2/2 + Max(q, a*q**2) + Piecewise((q**2, (q < 0) | (q >= 1)), (atan2(q, 2), True))"\n'
+    'noise = ["0.1*Abs(q)"]\n[model.params]\na = 0.5\n' + RUN + 'scheme = "stormer_verlet"\n',
     "wall_chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(log(cosh(q[i+1]-q[i])) + sech(q[i]), i)"\nn = 5\n' + RUN,
     "options": '[model]\nH = "(p1**2+p2**2)/2 + q1**2*q2 + (q1**2+q2**2)/2"\nnoise = ["s*q1", "s*q2"]\n'
     "[model.params]\ns = 0.2\n" + RUN + 'refine = 1\nfirst_path = 256\nfirst_step = 4\nt0 = 0.5\ncommon_noise = [2]\n'

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Exact solutions of quadratic formulas whose flows commute, as references of studies; which flows do."""
 
+import itertools
 import math
 
 import numpy as np
@@ -103,6 +104,22 @@ def test_a_noise_for_each_of_many_degrees_of_freedom():
     (structure,) = found
     assert structure.noises_commute and not structure.flows_commute
     assert structure.nonzero == {"qq": 3 * n - 2, "qp": 0, "pp": n}
+
+
+def test_distances_of_bodies_are_not_simplified(monkeypatch):
+    """Derivatives of functions of distances vanish where coordinates are equal: each symbol has a value of its own."""
+    n = 5
+    energy = [f"p{i}**2/2" for i in range(1, 3 * n + 1)]
+    for a, b in itertools.combinations(range(n), 2):
+        energy.append("1/sqrt(" + "+".join(f"(q{3 * a + k} - q{3 * b + k})**2" for k in (1, 2, 3)) + ")")
+    prover = Prover(make_problem(H="+".join(energy), noise=["q1"], q=None, p=None, params=None, t=None))
+
+    def simplified(e, **_):
+        raise AssertionError(f"{e} is simplified")
+
+    monkeypatch.setattr(prover.sympy, "simplify", simplified)
+    structure = prover.structure()
+    assert structure.nonzero == {"qq": (3 * n) ** 2, "qp": 0, "pp": 3 * n} and structure.identity_mass
 
 
 def test_what_leaves_floating_point_is_not_simplified():

@@ -58,7 +58,12 @@ class Expressions:
         return self.called(node.what, arguments), ATOM
 
     def called(self, function: str, arguments: list[str]) -> str:
-        """Write a function of its arguments; a power is an operator."""
+        """Write a function of its arguments; a power is an operator, and a comparison is 1 or 0."""
+        if function in ("less", "upto"):
+            compared = f"{arguments[0]} {'<' if function == 'less' else '<='} {arguments[1]}"
+            return f"merge({self.number('1.0')}, {self.number('0.0')}, {compared})"
+        if function == "select":
+            return f"merge({arguments[1]}, {arguments[2]}, {arguments[0]} > {self.number('0.5')})"
         if function == "pow":
             return f"(({arguments[0]})**({arguments[1]}))"
         return f"{'abs' if function == 'fabs' else function}({', '.join(arguments)})"

@@ -72,7 +72,7 @@ def _model(given: Given) -> list[str]:
             f"   const double values[] = {_array(given.parameters.values()) if given.parameters else '{0}'};",
             f'   check(symsde_model_get("{given.name}", {count}, keys, values, &model, &error), &error);',
         ]
-    traits, made = given.model.traits, given.model._derivatives
+    traits = given.model.traits
     lines = [
         "   symsde_traits traits; /* what may be left out; false ones are refused */",
         "   symsde_traits_init(&traits);",
@@ -100,7 +100,7 @@ def _model(given: Given) -> list[str]:
         lines += [_checked("set_action_kicks(model, 1")] if traits.turned else []
     there = [kind for kind in SETTERS if f"int formula_{kind}(" in given.model.formula.source]
     lines += [_checked(f"set_{kind}(model, formula_{kind}") for kind in there]
-    flows = emit_flow.flows(made) if made else []
+    flows = given.model._code.whole_steps
     lines += [_checked(f'set_flow(model, "{emit_flow.named(scheme)}", formula_flow_{scheme}') for scheme in flows]
     return [*lines, _checked("accept_null(model"), _checked("accept_any_lanes(model")]
 

@@ -14,11 +14,11 @@ import numpy as np
 from ...errors import InvalidArgumentError, SlowFormulaWarning
 from ...native import callbacks, checks
 from ..rates import Rates
-from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
+from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
-from .named_formulas import make_problem
+from .named_formulas import make_problem, quoted
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
 
@@ -95,7 +95,9 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         if formulas:
             parameters.require_numbers(problem.parameters, "of models with formulas of damping")
             rates = _rates.derive(problem, prover, formulas, decaying)
+        _refuse_kinks([*(e for row in acting for e in row), *decaying] if acting else decaying)
         structure = prover.structure()
+        given = _told_kinks(given, structure, problem.texts)
         nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
         own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
         part = prover.part
@@ -155,6 +157,27 @@ def functions(compiled: compiler.Compiled) -> dict[str, Any]:
 def address(compiled: compiler.Compiled, name: str) -> ctypes.c_void_p:
     """The address of a compiled function."""
     return ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)
+
+
+def _told_kinks(given: dict[str, Any], structure: Structure, texts: tuple[str, ...]) -> dict[str, Any]:
+    """The arguments without whole steps where there are kinks; noises that need a derivative there are refused."""
+    if any(structure.kinked) and not structure.position_noise:
+        raise InvalidArgumentError(
+            f"the noise {quoted(texts[max(structure.kinked)])} has a kink or jump, and Stratonovich integrals of "
+            "noises in both q and p need a derivative there: write it smoothly, as tanh(q/0.01) for sign(q), or let "
+            "all noises depend on q alone"
+        )
+    return {**given, "steps": False} if structure.kinked else given
+
+
+def _refuse_kinks(expressions: list[Any]) -> None:
+    """Refuse kinks of forces and of rates of damping."""
+    for e in expressions:
+        if kinks.moving(e):
+            raise InvalidArgumentError(
+                f"the force or rate {quoted(str(e))} has a kink or jump, which Hamiltonians alone may have: write it "
+                "smoothly, as tanh(p/0.01) for sign(p)"
+            )
 
 
 def _no_rotation(_values: list) -> None:

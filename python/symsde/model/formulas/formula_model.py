@@ -14,6 +14,7 @@ import numpy as np
 from ...errors import (
     IncompatibleError,
     InvalidArgumentError,
+    KinkWarning,
     UnknownNameError,
     UnusedParameterWarning,
 )
@@ -247,10 +248,26 @@ def model_from_sympy(
         "name": name,
     }
     model = _made(given)
+    _warn_of_kinks(model)
     acting = [x for row in _forces.rows_of(force, noise_force) for x in row]
     acting += damping.formulas if isinstance(damping, _rates.Asked) else ()
     _warn_of_unused(params, [H, *several("noise", noise), *several("invariants", invariants), *acting])
     return model
+
+
+def _warn_of_kinks(model: FormulaModel) -> None:
+    """Say which orders hold where the formulas have kinks."""
+    structure = model.formula.structure
+    if structure is None or not structure.kinked:
+        return
+    texts = ", ".join(quoted(model.formula.hamiltonians[k]) for k in structure.kinked)
+    checks.warn(
+        f"{texts} {'has' if len(structure.kinked) == 1 else 'have'} a kink or jump: orders of schemes hold on each "
+        "side. Steps in which the force jumps have errors of order h, and steps in which its slope jumps of order h^2: "
+        "across these no scheme has a higher order, and implicit ones may not solve some. The impulse at a jump of H "
+        "itself is not seen at all",
+        KinkWarning,
+    )
 
 
 def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> None:

@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import Any
 
 from ...errors import InvalidArgumentError
+from . import kinks
 from .scaled import Scaled
 
 #: names of functions of one argument, as formulas call them
@@ -174,15 +175,44 @@ class Graph:
             return self._product_of(e.args, leaves)
         if kind == "Pow":
             return self._power_of(*e.args, leaves)
-        if kind in FUNCTIONS:
-            return self.node(kind, self.add(e.args[0], leaves))
+        return self._cases(e, leaves) if kind == "Piecewise" else self._called(e, kind, leaves)
+
+    def _called(self, e: Any, kind: str, leaves: dict[str, bool]) -> int:
+        """A function."""
+        if kind in FUNCTIONS or kind == "atan2":
+            return self.node(kind, *(self.add(x, leaves) for x in e.args))
         name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # a sympy function unknown to symengine
-        if name == "Abs":  # sympy makes Abs from powers of squares
-            name = "the size of something, as sqrt(q**2) and (q**2)**1.5 have that of q,"
         raise InvalidArgumentError(
             f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
-            + ", ".join(FUNCTIONS)
+            + ", ".join((*FUNCTIONS, "atan2"))
+            + "; outside of sums over sites also "
+            + ", ".join((*kinks.REWRITTEN, *kinks.ONE, *kinks.MANY, "Piecewise"))
         )
+
+    def _cases(self, e: Any, leaves: dict[str, bool]) -> int:
+        """The first case whose condition holds. sympy has pairs, symengine a list in which they alternate."""
+        flat = [x for pair in e.args for x in pair.args] if type(e.args[0]).__name__ == "ExprCondPair" else list(e.args)
+        *pairs, last = zip(flat[::2], flat[1::2], strict=True)
+        result = self.add(last[0], leaves)
+        for value, condition in reversed(pairs):
+            chosen, here = self._condition(condition, leaves), self.add(value, leaves)
+            result = here if here == result else self.node("select", chosen, here, result)
+        return result
+
+    def _condition(self, e: Any, leaves: dict[str, bool]) -> int:
+        """1 where a condition holds, else 0."""
+        kind = type(e).__name__
+        if kind in kinks.COMPARISONS:
+            a, b = (self.add(x, leaves) for x in e.args)
+            return self.node("less" if "Strict" in kind else "upto", *((b, a) if "Greater" in kind else (a, b)))
+        if kind in ("And", "Or", "Not"):
+            parts = [self._condition(x, leaves) for x in e.args]
+            one = self.number(1.0)
+            if kind == "And":
+                return self.product(parts)
+            none = self.product(self.node("-", one, x) for x in parts)
+            return self.node("-", one, none) if kind == "Or" else none
+        return self.number(1.0 if kind == "BooleanTrue" else 0.0)
 
     def _product_of(self, factors, leaves) -> int:
         """Numerators over denominators, with one division for each kind of factor in the denominator."""

@@ -16,7 +16,7 @@ from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks
 from ...native.files import optional
 from ..definition import fits_files
-from . import parameters
+from . import kinks, parameters
 from .graph import FUNCTIONS
 from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
 
@@ -226,6 +226,12 @@ class Names:
         )
         if expression.has(sympy.I, sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
             raise InvalidArgumentError(f"the formula {text} is not real and finite: formulas are real")
+        return self._in_cases(expression, text)
+
+    def _in_cases(self, expression: Any, text: str) -> Any:
+        """The formula with its kinks written as cases."""
+        expression = kinks.in_cases(expression)
+        kinks.require_cases(expression, text)
         return expression
 
     def _read(self, text: str, reader: Reader | None) -> Any:
@@ -238,7 +244,7 @@ class Names:
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
         if not isinstance(expression, self.sympy.Expr) or expression.is_finite is False:
             raise InvalidArgumentError(f"the formula {quoted(text)} is not real and finite: formulas are real")
-        return expression
+        return self._in_cases(expression, quoted(text)) if reader is None else expression
 
     def _refuse_strangers(self, expression: Any, text: str) -> None:
         sympy = self.sympy

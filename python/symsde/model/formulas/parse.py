@@ -20,6 +20,7 @@ from typing import Any
 from ...errors import InvalidArgumentError
 from ...native import checks
 from ...native.files import optional
+from . import kinks
 from .graph import FUNCTIONS
 
 MAX_CHARACTERS = 20_000
@@ -35,6 +36,11 @@ _CONSTANTS = {
     "csch": lambda x: 1 / math.sinh(x),
     "coth": lambda x: 1 / math.tanh(x),
 }
+_ONE = (*FUNCTIONS, *kinks.REWRITTEN, *kinks.ONE)
+_SEVERAL = ("atan2", *kinks.MANY)
+_ALL = (*_ONE, *_SEVERAL, "Piecewise")
+_COMPARED = {ast.Lt: "Lt", ast.LtE: "Le", ast.Gt: "Gt", ast.GtE: "Ge"}
+_JOINED = {ast.BitAnd: "And", ast.BitOr: "Or"}
 _RESERVED = frozenset({*FUNCTIONS, "pi"})
 
 
@@ -228,20 +234,60 @@ class Reader:
     def _called(self, node: ast.Call, depth: int) -> Any:
         if not isinstance(node.func, ast.Name):
             raise FormulaTextError("it calls something that is no function of one argument")
-        name = node.func.id
-        if name not in FUNCTIONS:
+        name = "Abs" if node.func.id == "abs" else node.func.id
+        if name == "Piecewise":
+            return self._cases(node, depth)
+        if name in _SEVERAL:
+            return self._of_several(name, node, depth)
+        if name not in _ONE:
             raise FormulaTextError(
-                f"it calls {name}, which is no function here: there are {checks.nearest(name, FUNCTIONS)}"
+                f"it calls {name}, which is no function here: there are {checks.nearest(name, _ALL)}"
             )
         if len(node.args) != 1 or node.keywords:
             raise FormulaTextError(f"it gives {name} {len(node.args) + len(node.keywords)} arguments: it takes one")
         argument = self.read(node.args[0], depth + 1)
-        if not argument.is_number:
+        if not argument.is_number or name not in FUNCTIONS:
             return getattr(self.sympy, name)(argument)
         try:
             return self._float(_CONSTANTS.get(name, getattr(math, name, None))(self._real(argument)))
         except (ValueError, OverflowError, ZeroDivisionError):
             raise FormulaTextError(f"it holds {name} of a constant, which is not a finite real number") from None
+
+    def _of_several(self, name: str, node: ast.Call, depth: int) -> Any:
+        """atan2, Min and Max."""
+        count = len(node.args)
+        if node.keywords or (count != 2 if name == "atan2" else not 1 <= count <= MAX_FACTORS):
+            allowed = "two" if name == "atan2" else f"1 to {MAX_FACTORS}"
+            raise FormulaTextError(f"it gives {name} {count + len(node.keywords)} arguments: it takes {allowed}")
+        return getattr(self.sympy, name)(*(self.read(x, depth + 1) for x in node.args))
+
+    def _cases(self, node: ast.Call, depth: int) -> Any:
+        """Piecewise((value, condition), .., (value, True))."""
+        pairs = [x.elts for x in node.args if isinstance(x, ast.Tuple) and len(x.elts) == 2]
+        if node.keywords or not pairs or len(pairs) < len(node.args):
+            raise FormulaTextError("it gives Piecewise other than pairs: write Piecewise((q**2, q > 0), (0, True))")
+        return self.sympy.Piecewise(
+            *((self.read(value, depth + 1), self._condition(condition, depth + 1)) for value, condition in pairs)
+        )
+
+    def _condition(self, node: ast.AST, depth: int) -> Any:
+        """A comparison, several joined by & and |, or True."""
+        if depth > MAX_DEPTH:
+            raise FormulaTextError(f"it is nested more than {MAX_DEPTH} deep")
+        if isinstance(node, ast.Constant) and node.value is True:
+            return self.sympy.true
+        if isinstance(node, ast.BinOp) and type(node.op) in _JOINED:
+            parts = [self._condition(x, depth + 1) for x in (node.left, node.right)]
+            return getattr(self.sympy, _JOINED[type(node.op)])(*parts)
+        if isinstance(node, ast.BoolOp):
+            kind = "And" if isinstance(node.op, ast.And) else "Or"
+            return getattr(self.sympy, kind)(*(self._condition(x, depth + 1) for x in node.values))
+        if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARED:
+            sides = [self.read(x, depth + 1) for x in (node.left, node.comparators[0])]
+            return getattr(self.sympy, _COMPARED[type(node.ops[0])])(*sides)
+        raise FormulaTextError(
+            "it chooses a case by something other than a comparison: write q > 0, or True at the end"
+        )
 
 
 def folded(name: Any) -> str:

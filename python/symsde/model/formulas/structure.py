@@ -11,6 +11,7 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -20,12 +21,11 @@ import numpy as np
 from ...native.files import optional
 from ..split import KICKS, Split
 from ..traits import FLAGS
-from . import actions
+from . import actions, kinks
 from .named_formulas import Problem
 
 MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
 MAX_TERMS = 2_000  #: most terms of an expression that is multiplied out
-_POINTS = (0.61, 0.83, 1.17, 0.47, 1.31, 0.73, 0.94, 1.09, 0.55)  #: coordinates at which expressions are evaluated
 _INVERSE = {"sech": "cosh", "csch": "sinh", "coth": "tanh"}
 _SMALLEST_BANDED = 8  #: fewest degrees of freedom for which banded matrices pay
 
@@ -54,6 +54,7 @@ class Structure:
     noises_commute: bool  #: every {H_k, H_l} is constant
     flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time
     invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> whether dI = 0 on every path is proved
+    kinked: tuple[int, ...] = ()  #: numbers j of H_j with kinks or jumps in the state
 
     def traits(self) -> dict[str, Any]:
         """The traits as arguments of `Model`."""
@@ -64,9 +65,11 @@ class Structure:
         return told | {"bandwidth": self.bandwidth if banded else None}
 
 
-def _place(symbol: Any) -> int:
-    """A fixed number from which the value for a symbol is chosen, the same in every process."""
-    return sum(symbol.name.encode())
+def _point(symbol: Any, shift: int) -> float:
+    """A value of a symbol at which expressions are evaluated, the same in every process. Symbols have values of their
+    own: where two coordinates are equal, derivatives of functions of their distance may vanish by accident.
+    """
+    return 0.45 + 0.9 * zlib.crc32(symbol.name.encode(), shift) / 2**32
 
 
 def count_terms(e: Any) -> float:
@@ -84,6 +87,9 @@ def _value(e: Any, at: Mapping[Any, float]) -> complex:
     """The value of an expression of sympy in floating point; an error on overflow."""
     if e.is_Symbol:
         return complex(at[e])
+    if e.is_Piecewise:
+        numbers = {x: float(v) for x, v in at.items()}
+        return next(_value(x, at) for x, condition in e.args if condition.subs(numbers) == True)  # noqa: E712
     return _applied(e, [_value(x, at) for x in e.args]) if e.args else complex(e)
 
 
@@ -94,6 +100,8 @@ def _applied(e: Any, parts: list[complex]) -> complex:
     if e.is_Mul:
         return math.prod(parts)
     name = type(e).__name__
+    if name == "atan2":
+        return cmath.phase(complex(parts[1].real, parts[0].real))
     if name in _INVERSE:
         return 1 / getattr(cmath, _INVERSE[name])(*parts)
     return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, name)(*parts)
@@ -132,6 +140,8 @@ class Prover:
         self.symbols = [h.free_symbols for h in self.hams]
         self._derived: dict[tuple, Any] = {}
         self.part: actions.Part | None = None  #: the quadratic part of H between kicks, once the structure is known
+        #: for each H_j names of the coordinates and momenta of each of its cases, which are never said to be apart
+        self.kinked = [kinks.moving(h) for h in self.hams]
 
     def vanishes(self, e: Any) -> bool:
         """Whether an expression is shown to be zero."""
@@ -149,7 +159,7 @@ class Prover:
         overflows = False
         for shift in (0, 1):
             try:
-                if abs(_value(e, {x: _POINTS[(_place(x) + shift) % len(_POINTS)] for x in e.free_symbols})) > 1e-6:
+                if abs(_value(e, {x: _point(x, shift) for x in e.free_symbols})) > 1e-6:
                     return True  # well above rounding errors of numbers near one
             except OverflowError:
                 overflows = True
@@ -194,7 +204,7 @@ class Prover:
             block: [
                 (i, j)
                 for (i, x), (j, y) in itertools.product(enumerate(rows), enumerate(columns))
-                if any(self.diff(k, x, y) != 0 for k in every)
+                if any(self._meet(k, x, y) for k in every)
             ]
             for block, (rows, columns) in blocks.items()
         }
@@ -202,23 +212,27 @@ class Prover:
         both = [*self.q, *self.p]
         second = {k: [self.diff(k, x, y) for x, y in itertools.combinations_with_replacement(both, 2)] for k in every}
         mass = [self.diff(0, x, y) for x, y in itertools.product(self.p, self.p)]
+        kinked = any(self.kinked)
+        kinked_mass = any(x.name in names for names in self.kinked[0] for x in self.p)
         identity = [int(i == j) for i, j in itertools.product(range(n), range(n))]
         linear = all(self.diff(0, x).subs(dict.fromkeys(self.p, 0)) == 0 for x in self.p)
         separable = not entries["qp"]
-        drift_separable = all(self.diff(0, x, y) == 0 for x in self.q for y in self.p)
-        constant_mass = drift_separable and linear and all(not m.free_symbols & {*state, self.t} for m in mass)
+        drift_separable = not any(self._meet(0, x, y) for x in self.q for y in self.p)
+        constant_mass = (
+            drift_separable and not kinked_mass and linear and all(not m.free_symbols & {*state, self.t} for m in mass)
+        )
         unit = constant_mass and mass == identity
         position_noise = all(self.diff(k, x) == 0 for k in noises for x in self.p)
         values, unsplit = list(self.problem.parameters.values()), ""
-        if not (constant_mass and position_noise):
+        if not (constant_mass and position_noise) and not kinked:
             self.part, unsplit = actions.found(self, _function)
         split = self.split(values)
         return Structure(
             ndof=n,
             separable=separable,
-            additive=all(x == 0 for k in noises for x in second[k]),
+            additive=not any(self.kinked[1:]) and all(x == 0 for k in noises for x in second[k]),
             position_noise=position_noise,
-            quadratic=all(not x.free_symbols & state for k in every for x in second[k]),
+            quadratic=not kinked and all(not x.free_symbols & state for k in every for x in second[k]),
             identity_mass=unit,
             constant_mass=constant_mass,
             diagonal_mass=constant_mass and all(m == 0 for m, one in zip(mass, identity, strict=True) if not one),
@@ -238,11 +252,17 @@ class Prover:
                 )
                 for k in noises
             ),
-            noises_commute=self._constant(itertools.combinations(noises, 2)),
-            flows_commute=not any(self.t in self.diff(k, x).free_symbols for k in noises for x in both)
+            noises_commute=not any(self.kinked[1:]) and self._constant(itertools.combinations(noises, 2)),
+            flows_commute=not kinked
+            and not any(self.t in self.diff(k, x).free_symbols for k in noises for x in both)
             and self._constant(itertools.combinations(every, 2)),
             invariants=self._invariants(),
+            kinked=tuple(k for k in every if self.kinked[k]),
         )
+
+    def _meet(self, k: int, x: Any, y: Any) -> bool:
+        """Whether a second derivative of H_k does not vanish, or has an impulse where cases meet."""
+        return self.diff(k, x, y) != 0 or any({x.name, y.name} <= names for names in self.kinked[k])
 
     def rotation(self, values: list) -> tuple[float, ...] | None:
         """Roots of the diagonal of the Hessian at q = 0, for these values of the parameters; None if these differ by

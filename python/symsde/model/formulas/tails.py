@@ -98,7 +98,7 @@ class Tails:
             return self._product(e)
         if kind == "Add" and (u := self._square_of_sech(e)) is not None:
             return self._function("sech", self.formed(u)) ** 2
-        return self._with(e, [self.formed(x) for x in e.args])
+        return e if kind == "Piecewise" else self._with(e, [self.formed(x) for x in e.args])
 
     @staticmethod
     def _with(e: Any, args: list[Any]) -> Any:

@@ -22,6 +22,12 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
     and the names of these positions. Only Hessians of the wide model are asked for, and momenta of parameters stay
     zero.
     """
+    structure = model.formula.structure if isinstance(model, FormulaModel) else None
+    if structure is not None and structure.kinked:
+        raise IncompatibleError(
+            f"a formula of model {model.name} has a kink or jump, where a step is not differentiable, and means of its "
+            "derivatives are no derivatives of means: write it smoothly, as sqrt(q**2 + 0.01**2) for Abs(q)"
+        )
     by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
     wanted = [*names, *(name for name in by_path if name not in names)]
     if not wanted:

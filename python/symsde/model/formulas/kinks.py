@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Functions with kinks and jumps, written as cases: Piecewise of sympy, whose cases are chosen by comparisons.
+
+Derivatives are those of each case. At a kink they jump, and at a jump they lack an impulse that no step sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ...errors import InvalidArgumentError
+from ...native.files import optional
+
+#: functions that are quotients of others, or others of a reciprocal
+REWRITTEN = ("sec", "csc", "cot", "asec", "acsc", "acot", "asech", "acsch", "acoth")
+ONE = ("Abs", "sign", "Heaviside")  #: functions of one argument that become cases
+MANY = ("Min", "Max")  #: functions of two arguments and more
+COMPARISONS = ("StrictLessThan", "LessThan", "StrictGreaterThan", "GreaterThan")
+
+
+def in_cases(e: Any) -> Any:
+    """The expression with its kinks written as cases, and without functions that others express."""
+    sympy = optional("sympy", "sympy")
+    if not e.has(*(getattr(sympy, x) for x in (*REWRITTEN, *ONE, *MANY, "Piecewise"))):
+        return e
+
+    def cases(*given: tuple[Any, Any]) -> Any:
+        return sympy.Piecewise(*given)
+
+    def largest(args: Iterable[Any], sign: int) -> Any:
+        left, pairs = list(args), []
+        while len(left) > 1:
+            x = left.pop(0)
+            pairs.append((x, sympy.And(*(sign * x > sign * y for y in left))))
+        return cases(*pairs, (left[0], True))
+
+    half = sympy.Rational(1, 2)
+    rules = {
+        "Abs": lambda u: cases((u, u > 0), (-u, u < 0), (0, True)),
+        "sign": lambda u: cases((1, u > 0), (-1, u < 0), (0, True)),
+        "Heaviside": lambda u, middle=half: cases((1, u > 0), (0, u < 0), (middle, True)),
+        "Max": lambda *u: largest(u, 1),
+        "Min": lambda *u: largest(u, -1),
+        "sec": lambda u: 1 / sympy.cos(u),
+        "csc": lambda u: 1 / sympy.sin(u),
+        "cot": lambda u: sympy.cos(u) / sympy.sin(u),
+        "asec": lambda u: sympy.acos(1 / u),
+        "acsc": lambda u: sympy.asin(1 / u),
+        "acot": lambda u: sympy.atan(1 / u),
+        "asech": lambda u: sympy.acosh(1 / u),
+        "acsch": lambda u: sympy.asinh(1 / u),
+        "acoth": lambda u: sympy.atanh(1 / u),
+    }
+    for name, rule in rules.items():
+        e = e.replace(getattr(sympy, name), rule)
+    e = e.replace(lambda x: isinstance(x, sympy.core.relational.Relational) and x.has(sympy.Piecewise), _as_logic)
+    return e.replace(sympy.ITE, lambda c, a, b: sympy.Or(sympy.And(c, a), sympy.And(sympy.Not(c), b)))
+
+
+def _as_logic(comparison: Any) -> Any:
+    """A comparison whose sides have cases, as Abs(q) < 1, as a combination of comparisons without cases."""
+    sympy = optional("sympy", "sympy")
+    difference = sympy.piecewise_fold(comparison.lhs - comparison.rhs)
+    result, others = sympy.false, sympy.true
+    for x, condition in difference.args:
+        result = sympy.Or(result, sympy.And(others, condition, comparison.func(x, 0)))
+        others = sympy.And(others, sympy.Not(condition))
+    return result
+
+
+def require_cases(e: Any, text: str) -> None:
+    """Refuse cases that have no last one, or are chosen by other than comparisons."""
+    sympy = optional("sympy", "sympy")
+    for x in e.atoms(sympy.Piecewise):
+        if x.args[-1][1] != True:  # noqa: E712 - sympy's own truth value
+            raise InvalidArgumentError(
+                f"the formula {text} has cases without a last one for all others: end Piecewise by (.., True)"
+            )
+        for _, condition in x.args:
+            for part in condition.atoms(sympy.core.relational.Relational):
+                if type(part).__name__ not in COMPARISONS:
+                    raise InvalidArgumentError(
+                        f"the formula {text} chooses a case by {part}, which holds nowhere else: compare by < and >"
+                    )
+
+
+def moving(e: Any) -> list[set[str]]:
+    """Names of coordinates and momenta in each Piecewise whose cases depend on the state."""
+    sympy = optional("sympy", "sympy")
+    found = []
+    for x in e.atoms(sympy.Piecewise) if hasattr(e, "atoms") else ():
+        chosen = {s.name for _, condition in x.args for s in condition.free_symbols}
+        if any(name[0] in "qp" for name in chosen):
+            found.append({s.name for s in x.free_symbols if s.name[0] in "qp"})
+    return found
