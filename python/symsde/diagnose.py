@@ -199,6 +199,8 @@ def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     """Exact solution on the Brownian path of a run that is set up; the run need not have been made."""
+    if setup.saved is not None:
+        return tuple(x[setup.rows] for x in exact_of(setup.whole()))
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
     q, p = np.empty(shape), np.empty(shape)
@@ -241,10 +243,9 @@ def _states(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 def _examine(name: str, run: Run, values: np.ndarray) -> None:
     """Call a diagnostic that needs every step of a run."""
     setup = _setup_of(run)
-    if setup.options.save_every != 1:
-        raise IncompatibleError(
-            f"the run has save_every = {setup.options.save_every}: this needs every step, simulate with save_every = 1"
-        )
+    if setup.options.save_every != 1 or setup.saved is not None:
+        how = f"save_every = {setup.options.save_every}" if setup.saved is None else "save_at"
+        raise IncompatibleError(f"the run has {how}: this needs every step, simulate with save_every = 1")
     if setup.model.paths:
         raise IncompatibleError(
             f"parameters of model {setup.model.name} differ from path to path, and {name} evaluates one model for all "

@@ -414,8 +414,11 @@ def test_only_threads_and_lanes_are_no_part_of_a_run(tmp_path):
         return manifest.of_scene(scenes.load(file), 256)["hash"]
 
     plain = inputs()
-    assert {*OTHER, *how, "damping_noise"} == set(scenes.RUN_KEYS) - {"q0_low", "p0_low"}
+    assert {*OTHER, *how, "damping_noise", "save_at"} == set(scenes.RUN_KEYS) - {"q0_low", "p0_low"}
     assert [key for key, value in OTHER.items() if inputs(**{key: value}) == plain] == []
     assert inputs(threads=2) == inputs(lanes=32) == plain
+    every, base = base, "\n".join(line for line in base.splitlines() if "save_every" not in line)
+    assert inputs(save_at=[0.0, 0.1]) not in (plain, inputs())
+    base = every
     base = SCENE.replace("kubo", "synchrotron").replace("[run]", 'damping = 1.0\n[run]\nscheme = "gauss_dkdkd"')
     assert inputs(damping_noise="path") != inputs() == inputs(damping_noise="law")

@@ -69,6 +69,7 @@ VALUES = {
     "truncation": (8, 4.0),
     "threads": 1,
     "lanes": 8,
+    "save_at": OMITTED,
     "observables": {"r": "q_1**2 + p_1**2", "e": energy},
     "observers": {"h": ss.observe.Histogram("q_1", -3, 3, 6), "c": ss.observe.Covariance(["q_1", "p_1"])},
     "progress": OMITTED,
@@ -137,7 +138,11 @@ TOLD |= {"force": ["-s*y**3"], "noise_force": [["s*y"], ["0"]]}
 VALUES["run"] = RUN
 #: cases by function that differ from these tables; further entries are options
 OWN = {
-    "simulate": [{**DRIVEN, **LOW, "compensated": True, "area_time": OMITTED}, DRAWN],
+    "simulate": [
+        {**DRIVEN, **LOW, "compensated": True, "area_time": OMITTED},
+        DRAWN,
+        {**DRAWN, "save_at": np.array([0.05, 0.2, 0.4]), "fixed_point": 0},
+    ],
     "moments": [{"paths": PATHS, "common_noise": (1,)}, {"paths": PATHS, "increments": INCREMENTS[::2]}],
     "ensemble": [
         {"paths": PATHS, "executor": OMITTED, "shard_paths": 256, "common_noise": (1,), "truncation": (8, 4.0)}

@@ -91,9 +91,9 @@ def test_checkers_see_results_and_refuse_mistakes(checker, tmp_path):
 
 def test_what_types_say_of_options_is_what_there_is():
     """The options that a function accepts are those in its type annotations."""
-    known = {*setup.OPTIONS, "increments", "q0_low", "p0_low", "scheme"} - {"step", "steps"}
+    known = {*setup.OPTIONS, "increments", "q0_low", "p0_low", "scheme", "save_at"} - {"step", "steps"}
     assert set(setup.RunOptions.__annotations__) == known
-    assert set(setup.PathOptions.__annotations__) == known - {"scheme", "save_every", "increments"}
+    assert set(setup.PathOptions.__annotations__) == known - {"scheme", "save_every", "save_at", "increments"}
     types, parameters = (
         typing.get_type_hints(setup.RunOptions),
         inspect.signature(ss.simulate, eval_str=True).parameters,

@@ -99,7 +99,7 @@ def _rate(task: Task, piece: Piece) -> float:
     shown = {"observables": task.observables or None, "observers": observers}
     steps, most = 1, int(options["steps"])
     while True:
-        here = {**options, "steps": steps, "save_every": steps}
+        here = {**options, "steps": steps, "save_every": steps, "save_at": None}
         took = moments(task.model_of(few), **shown, **here).report.timings["run"]
         if took > _PILOT or steps == most:
             return few.paths * steps / max(took, 1e-6)

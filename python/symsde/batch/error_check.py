@@ -73,7 +73,9 @@ def error_check(
     paths = max(2, min(extent.paths, _PATHS, _BYTES // (16 * extent.ndof * extent.saved)))
     options = task.of(Piece("", "paths", extent.first, min(paths, extent.paths), 0), threads)
     halved = {**options, "step": options["step"] / 2, "refine": options.get("refine", 0) - 1}
-    halved |= {"steps": 2 * options["steps"], "save_every": 2 * options.get("save_every", 1)}
+    halved["steps"] = 2 * options["steps"]
+    if options.get("save_at") is None:
+        halved["save_every"] = 2 * options.get("save_every", 1)
     halved["first_step"] = 2 * options.get("first_step", 0)
     full, full_seconds = _timed(task, options, tell)
     full.scene = scene

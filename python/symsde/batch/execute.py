@@ -20,6 +20,7 @@ from ..run.observers import requests
 from ..run.observers.observables import Observable
 from ..run.observers.partial_statistics import PartialStatistics
 from ..run.report import Report
+from ..run.setup import make_setup
 from ..run.simulate import Run, simulate
 from .pieces import Piece
 from .shard_file import Shard
@@ -145,9 +146,9 @@ class _Saved:
         self._points = {name: [shard.arrays[name]] for name in self._points}
         return self
 
-    def add(self, run: Run, steps: int, keeps_last: bool) -> None:
+    def add(self, run: Run, steps: int, *, keeps_first: bool, keeps_last: bool) -> None:
         """Append a run from the present state; paths that failed before keep their status."""
-        later = slice(1 if self.state else 0, None if keeps_last else -1)
+        later = slice(1 if self.state or not keeps_first else 0, None if keeps_last else -1)
         points = {"t": run.t[later], "q": run.q[later], "p": run.p[later]}
         state = {name: getattr(run, name) for name in _STATE if getattr(run, name) is not None}
         if self.state:
@@ -160,18 +161,22 @@ class _Saved:
         self.state = state
         self.step += steps
 
-    def counted(self, first_step: int) -> dict[str, Any]:
+    def counted(self, first_step: int, saved: np.ndarray | None) -> dict[str, Any]:
         """Counters from the paths alone: normals drawn ahead would depend on where segments began."""
         failed = self.state["status"] != 0
         done = np.where(failed, self.state["failed_step"] - first_step, self.step)
         counters = {"path_steps": int(done.sum())}
-        return {"failed": int(np.count_nonzero(failed)), "grown": self._grown(), "counters": counters}
+        return {"failed": int(np.count_nonzero(failed)), "grown": self._grown(saved), "counters": counters}
 
-    def _grown(self) -> int:
+    def _grown(self, saved: np.ndarray | None) -> int:
         """Number of paths that grew, compared with the points saved in the first tenth of the steps, because segments
         depend on the clock."""
         t = np.concatenate(self._points["t"])
         early = np.arange(len(t)) * self.step <= -(-self.step // 10) * max(1, len(t) - 1)
+        if saved is not None:
+            early = saved <= -(-self.step // 10)
+        if not early.any():
+            return 0
         grew = np.ones(self.state["status"].shape, bool)
         for x in "qp":
             before = np.abs(np.concatenate(self._points[x])[early]).max(axis=(0, 1))
@@ -188,6 +193,8 @@ class _Saved:
 
 def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
     options = task.of(piece, threads)
+    saves = make_setup(task.model_of(piece), **options).saved
+    options.pop("save_at", None)
     steps, every = int(options["steps"]), int(options.get("save_every", 1))
     found = checkpoint.read() if checkpoint else None
     saved = _Saved() if found is None else _Saved.of(found)
@@ -196,14 +203,17 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
     wanted = max(1, _FIRST // (piece.paths * task.model.ndof))
     clock = _Clock(checkpoint.seconds if checkpoint else math.inf)
     while saved.step < steps or not saved.state:
-        length, save, keeps_last = _segment(saved.step, steps, every, wanted)
+        if saves is None:
+            length, save, keeps_last = _segment(saved.step, steps, every, wanted)
+        else:
+            length, save, keeps_last = _segment_to(saved.step, steps, saves, wanted)
         before = saved.step * piece.paths
         here = _options_from(options, saved, length, save)
         run = simulate(
             model, progress=lambda done, _, b=before: tell(b + done, piece.work) and clock.has_waited(), **here
         )
         if not run.report.stopped:
-            saved.add(run, length, keeps_last)
+            saved.add(run, length, keeps_first=saves is None or saves[0] == 0, keeps_last=keeps_last)
             wanted = clock.next_length(length)
         stops = bool(run.report.stopped) or tell(saved.step * piece.paths, piece.work)
         if saved.step >= steps:
@@ -212,7 +222,7 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
             clock.measure(lambda: checkpoint.write(saved.shard(step=saved.step)))
         if stops:
             return None
-    return saved.shard(**saved.counted(options.get("first_step", 0)))
+    return saved.shard(**saved.counted(options.get("first_step", 0), saves))
 
 
 def _facts_of_whole(model: Model, options: dict[str, Any]) -> dict[str, Any]:
@@ -229,6 +239,14 @@ def _segment(step: int, steps: int, every: int, wanted: int) -> tuple[int, int, 
         return min(wanted // every * every, steps - step), every, True
     length = min(wanted, to_save, steps - step)
     return length, max(1, length), length == to_save or steps == 0
+
+
+def _segment_to(step: int, steps: int, saves: np.ndarray, wanted: int) -> tuple[int, int, bool]:
+    """The same of a run that is saved after these numbers of steps."""
+    later = saves[saves > step]
+    end = int(later[0]) if later.size else steps
+    length = min(wanted, end - step)
+    return length, max(1, length), step + length == end and bool(later.size or steps == 0)
 
 
 def _options_from(options: dict[str, Any], saved: _Saved, length: int, save: int) -> dict[str, Any]:

@@ -66,15 +66,15 @@ def record_of(there: dict[str, Any] | None, scene: Scene, size: int, folder: Pat
         "moments": not any(key.startswith(_OBSERVING) for key in found),
         "paths": True,
     }
-    stays = {kind: x and old["save_every"] == new["save_every"] for kind, x in stays.items()}
+    stays = {kind: x and _saves(old) == _saves(new) for kind, x in stays.items()}
     before = [{**x, **{kind: x[kind] and stays[kind] for kind in stays}} for x in there.get(KEY, ())]
     return {**here, KEY: [*before, {"run": stamp_of(there), "steps": old["steps"], **stays}]}
 
 
 def _beside(there: Mapping[str, Any], scene: Scene, size: int, old: Mapping[str, Any]) -> list[str] | None:
-    """The entries, beside paths, steps and save_every, in which a scene differs from the run of a folder; None if the
+    """The entries, beside paths, steps and saved times, in which a scene differs from the run of a folder; None if the
     scene cannot be of the old size, as with parameters that go by path."""
-    sizes = {key: old[key] for key in ("paths", "steps", "save_every")}
+    sizes = {key: old[key] for key in ("paths", "steps", "save_every")} | {"save_at": old.get("save_at")}
     smaller = dataclasses.replace(scene, run={**scene.run, **sizes})
     try:
         same = manifest.of_scene(smaller, size)
@@ -83,13 +83,18 @@ def _beside(there: Mapping[str, Any], scene: Scene, size: int, old: Mapping[str,
     return manifest.keys_of_differences(there, same)
 
 
+def _saves(run: Mapping[str, Any]) -> tuple:
+    """Which times of a run are saved."""
+    return run["save_every"], run.get("save_at")
+
+
 def _anew(found: Sequence[str], old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """What is kept, and what is computed anew, in words."""
     observes = any(key.startswith(_OBSERVING) for key in found)
     told = []
-    if observes or old["save_every"] != new["save_every"] or old["steps"] != new["steps"]:
+    if observes or _saves(old) != _saves(new) or old["steps"] != new["steps"]:
         told.append("moments of all paths are computed anew")
-    if old["save_every"] != new["save_every"]:
+    if _saves(old) != _saves(new):
         told.append("saved paths are computed anew")
     elif old["steps"] != new["steps"]:
         told.append("saved paths go on from their last states")

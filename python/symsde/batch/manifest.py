@@ -31,6 +31,8 @@ _NOT_OF_THE_RESULT = {"threads", "lanes"}  # options that do not change the bits
 def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     """The manifest of a scene: its inputs with the defaults filled in, seed and hash, and what computes it."""
     run = {key: scene.run.get(key, _DEFAULTS[key]) for key in RUN_KEYS if key not in _NOT_OF_THE_RESULT}
+    if run["save_at"] is None:
+        del run["save_at"]  # folders of older versions lack it
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
     observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})

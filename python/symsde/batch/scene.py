@@ -73,7 +73,14 @@ class Scene:
         """The options of the run, for one path and no step."""
         setup = make_setup(self.model, **self.run)
         q, p = setup.first_state()
-        return {**self.run, "steps": 0, "paths": 1, "q0": q, "p0": p}
+        return {**self.run, "steps": 0, "save_at": None, "paths": 1, "q0": q, "p0": p}
+
+
+def saved_times(run: Mapping[str, Any]) -> int:
+    """Number of saved times of a table [run]."""
+    if run.get("save_at") is not None:
+        return len(run["save_at"])
+    return int(run["steps"]) // int(run.get("save_every", 1)) + 1
 
 
 def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scene:
@@ -109,8 +116,7 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
     scene.observables = _observables(file, scene)
     scene.observers = _observers(file, scene)
     try:
-        ntime = int(run["steps"]) // int(run.get("save_every", 1)) + 1
-        shape = (2, ntime, tried.model.ndof, len(scene.paths))
+        shape = (2, saved_times(run), tried.model.ndof, len(scene.paths))
         checks.room(shape, "the saved paths (q and p; time, dof, path)", now=False)
     except SymsdeError as error:
         raise SceneError(f"{file}: [output] paths: {error}") from error

@@ -63,6 +63,5 @@ def _plan(chosen: Scene, size: int) -> list[Piece]:
 def extent_of(chosen: Scene) -> Extent:
     """The size of the run that a scene describes."""
     run = chosen.run
-    steps, every = int(run["steps"]), int(run.get("save_every", 1))
     first, paths = int(run.get("first_path", 0)), int(run.get("paths", 1))
-    return Extent(first, paths, steps, steps // every + 1, chosen.model.ndof)
+    return Extent(first, paths, int(run["steps"]), scene.saved_times(run), chosen.model.ndof)

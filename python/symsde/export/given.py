@@ -85,6 +85,8 @@ def given_of(scene: Scene, stem: str) -> Given:
         raise InvalidArgumentError(
             f"{scene.file}: parameters of model {model.name} go by path, and a program holds one value of each"
         )
+    if setup.saved is not None:
+        raise InvalidArgumentError(f"{scene.file}: [run] save_at: a program saves at equal distances, give save_every")
     if any(np.shape(x)[1:] != (1,) for x in setup.start().values()):
         raise InvalidArgumentError(
             f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"

@@ -221,7 +221,9 @@ def names_of(wrt: object, model: Model) -> tuple[list[str], list[str]]:
 
 
 def refuse_compensated(options: Mapping[str, Any]) -> None:
-    """Refuse compensated sums."""
+    """Refuse compensated sums, and unequal saved times."""
+    if options.get("save_at") is not None:
+        raise IncompatibleError("derivatives are taken at equal distances: give save_every in the place of save_at")
     if options.get("compensated"):
         raise IncompatibleError("compensated sums have the derivatives of plain ones: leave compensated out")
 

@@ -16,7 +16,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from ..errors import FalseTraitError, InvalidArgumentError, NotANumberWarning, NotSavedWarning
+from ..errors import FalseTraitError, IncompatibleError, InvalidArgumentError, NotANumberWarning, NotSavedWarning
 from ..model.definition import Model
 from ..model.thermostat import diagonal_masses
 from ..native import abi, callbacks, checks, files, handles
@@ -54,6 +54,8 @@ class Moments(MomentTables, Reported):
         """Allocate the moments, also of these observables, and the results of these observers; `fill` computes them."""
         self.setup = setup
         self.observers = dict(observers or {})
+        if self.observers and setup.saved is not None:
+            raise IncompatibleError("observers take states at equal distances: give save_every in the place of save_at")
         self._observables = described(observables)
         refuse_coordinates(self._observables, setup.model)
         self._has_energy = setup.model.traits.has_value
@@ -118,6 +120,9 @@ class Moments(MomentTables, Reported):
 
     def fill(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library integrate."""
+        if self.setup.saved is not None:
+            self._fill_some(observables, progress)
+            return
         failures = callbacks.Failures()
         moments = handles.new(abi.Moments, "moments")
         moments.t, moments.n_ok, moments.m2 = (address(x) for x in (self.t, self.n_ok, self.m2))
@@ -138,6 +143,18 @@ class Moments(MomentTables, Reported):
                     setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
                 self._keep_report(report)
             self._warn_of_failures()
+
+    def _fill_some(self, observables: dict[str, Observable], progress: Progress) -> None:
+        """Let the library collect more often than wanted, at equal distances, and keep what is wanted."""
+        whole, rows = Moments(self.setup.whole(), observables), self.setup.rows
+        try:
+            whole.fill(observables, progress)
+        finally:
+            if filled(whole):
+                kept = {name: getattr(whole, name)[rows] for name in ("t", "n_ok", "m2")}
+                kept["_tables"] = {kind: x[rows] for kind, x in whole._tables.items()}
+                self.__dict__.update({**whole.__dict__, "setup": self.setup, **kept})
+                self._show_columns(self.values)
 
     def _integrate(self, moments, report, monitor, failures) -> None:
         setup = self.setup

@@ -22,7 +22,7 @@ from .setup import PathOptions, Setup, increments_array, kind_of_setup, make_set
 from .simulate import Run
 from .states.law import States
 
-_DECIDED = dict.fromkeys(("steps", "save_every", "increments", "progress"), "give it to the run's methods")
+_DECIDED = dict.fromkeys(("steps", "save_every", "save_at", "increments", "progress"), "give it to the run's methods")
 _OK = (abi.OK, abi.STOPPED, abi.PATHS_FAILED)
 
 

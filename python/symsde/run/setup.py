@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from .states.law import States
 _LIBRARY_LANES = 256  # most lanes of a block in the library
 _PYTHON_VALUES = 2048  # most numbers of an array passed to a Python function
 _COUNT = 2**47  # number of values of the random generator's counter of steps
+_ON_GRID = 1e-6  # distance from a step, in steps, of times that are typed
 _WHOLE = 1e-9  # relative error of times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
@@ -62,6 +64,7 @@ class RunOptions(PathOptions, total=False):
 
     scheme: str | Scheme
     save_every: int
+    save_at: Any
     increments: Any
 
 
@@ -78,6 +81,7 @@ class Setup:
     q0_low: np.ndarray | None = None  #: (dof, path)
     p0_low: np.ndarray | None = None
     by_path: bool = False  #: whether the start has a column for each path, as final states have
+    saved: np.ndarray | None = None  #: (time,), steps after which the run is saved, if they are not every save_every
 
     def first_state(self) -> tuple[np.ndarray, np.ndarray]:
         """The state of the first path, (dof, 1) each."""
@@ -90,7 +94,16 @@ class Setup:
     @property
     def ntime(self) -> int:
         """Number of saved times."""
-        return self.options.steps // self.options.save_every + 1
+        return self.options.steps // self.options.save_every + 1 if self.saved is None else len(self.saved)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Which of the states that the library saves are those of `saved`."""
+        return self.saved // self.options.save_every
+
+    def whole(self) -> Setup:
+        """The run that the library makes for a run with unequal saved times: saved every save_every steps."""
+        return dataclasses.replace(self, saved=None)
 
     @property
     def paths(self) -> int:
@@ -165,6 +178,7 @@ class Setup:
             **({"names": json.dumps(self.model._coordinates)} if self.model._coordinates else {}),
             "scheme": self.scheme.name,
             "options": json.dumps(chosen),
+            **({} if self.saved is None else {"saved_steps": json.dumps(self.saved.tolist())}),
             "increments": "Brownian" if self.increments is None else "prescribed",
             **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
         }
@@ -387,7 +401,11 @@ def setup_of(given: dict[str, Any]) -> Setup:
     take = given.pop
     model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
+    save_at = take("save_at", None)
     chosen = _options_of(model, given, take("in_python", False))
+    if save_at is not None and chosen.save_every != 1:
+        raise WrongTypeError("save_at has the times that are saved, and save_every the steps between them: give one")
+    saved = None if save_at is None else _saved_steps(save_at, chosen)
     ndof, paths = model.traits.ndof, chosen.paths
     if model.paths not in (0, paths):
         raise _other_paths(model, paths)
@@ -410,7 +428,30 @@ def setup_of(given: dict[str, Any]) -> Setup:
         None if q0_low is None else _low("q0_low", q0_low, ndof, paths),
         None if p0_low is None else _low("p0_low", p0_low, ndof, paths),
         not is_one and not any(laws) and paths in (q0.shape[1], p0.shape[1]),
+        saved,
     )
+
+
+def _saved_steps(times: object, options: abi.Options) -> np.ndarray:
+    """The numbers of steps after which these times are reached, ascending; makes save_every their common divisor."""
+    t = checks.real_array("save_at", times)
+    if t.ndim != 1 or not t.size:
+        raise WrongShapeError(f"save_at has shape {t.shape}: give (time,), one time at least")
+    if not np.isfinite(t).all():
+        raise InvalidArgumentError("save_at is not finite: give times of the run")
+    steps = (t - options.t0) / options.step - options.first_step
+    whole = np.round(steps)
+    for i in np.flatnonzero((np.abs(steps - whole) > _ON_GRID) | (whole < 0) | (whole > options.steps))[:1]:
+        near = options.t0 + options.step * (options.first_step + min(max(whole[i], 0), options.steps))
+        raise InvalidArgumentError(
+            f"save_at holds {t[i]:.12g}, which no step of this run reaches: its times are t0 + n*step, n = "
+            f"{options.first_step} .. {options.first_step + options.steps}, and the nearest is {near:.12g}"
+        )
+    if (np.diff(whole) <= 0).any():
+        raise InvalidArgumentError("save_at is not in the order of the run, or holds a time twice: give each time once")
+    saved = whole.astype(np.int64)
+    options.save_every = max(1, int(np.gcd.reduce([*saved.tolist(), options.steps])))
+    return saved
 
 
 def _other_paths(model: Model, paths: int) -> WrongShapeError:

@@ -70,6 +70,9 @@ class Run(PathTables, Reported):
 
     def fill(self, progress: Progress, before: Run | None = None) -> None:
         """Let the library integrate; before: the run that this run extends, or None."""
+        if self.setup.saved is not None:
+            self._fill_some(progress)
+            return
         arrays = (self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
         low = () if self.q_low is None else (self.q_low, self.p_low)
         paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the remaining pointers are NULL, as is t
@@ -92,6 +95,15 @@ class Run(PathTables, Reported):
                 self._keep_report(report)
             self._warn_of_failures()
 
+    def _fill_some(self, progress: Progress) -> None:
+        """Let the library save more often than wanted, at equal distances, and keep what is wanted."""
+        whole, rows = Run(self.setup.whole()), self.setup.rows
+        try:
+            whole.fill(progress)
+        finally:
+            if filled(whole):
+                self.__dict__.update({**whole.__dict__, "setup": self.setup, "q": whole.q[rows], "p": whole.p[rows]})
+
     def _temperature(self) -> str:
         """Of the last states of all paths that came to the end."""
         whole = self.status == 0
@@ -103,7 +115,8 @@ class Run(PathTables, Reported):
     def extend(self, steps: int, *, save_every: int | None = None, progress: Progress = False) -> Run:
         """Take `steps` more steps: a Run from the last state, whose end has the same bits as one long run.
 
-        Model, scheme, step, seed and options are those of this run; save_every too, unless given. The first saved state
+        Model, scheme, step, seed and options are those of this run; save_every too, unless given; after
+        save_at the end alone is saved. The first saved state
         is the last one of this run. Paths that failed stay failed. A run with prescribed increments, or one that was
         stopped before its end, is refused with an IncompatibleError.
         """
@@ -119,7 +132,9 @@ class Run(PathTables, Reported):
                 "arguments of this run to compute it whole, then extend that"
             )
         steps = checks.integer("steps", steps)
-        every = here.save_every if save_every is None else checks.integer("save_every", save_every)
+        every = here.save_every if self.setup.saved is None else max(1, steps)
+        if save_every is not None:
+            every = checks.integer("save_every", save_every)
         state = self.last_q, self.last_p, self.q_low, self.p_low
         run = Run(self.setup.from_here(here.first_step + here.steps, steps, every, state))
         try:
@@ -144,9 +159,12 @@ class Run(PathTables, Reported):
     @functools.cached_property
     def t(self) -> np.ndarray:
         """(time,), t0 included."""
-        t = np.empty(self.setup.ntime)  # made on first use: it takes a third of the time of one path with q and p
-        handles.call("saved_times", ctypes.byref(self.setup.options), address(t))
-        return t
+        here = self.setup
+        t = np.empty(
+            here.options.steps // here.options.save_every + 1
+        )  # made on first use: it takes a third of the time of one path with q and p
+        handles.call("saved_times", ctypes.byref(here.options), address(t))
+        return t if here.saved is None else t[here.rows]
 
     def __getstate__(self) -> dict[str, Any]:
         """The state for pickle and copies: includes the times, which another library may round differently."""
@@ -240,6 +258,7 @@ def simulate(
     paths: int = 1,
     seed: int = 0,
     save_every: int = 1,
+    save_at: Any = None,
     increments: Any = None,
     refine: int = 0,
     first_path: int = 0,
@@ -265,8 +284,10 @@ def simulate(
     Path i depends on (seed, i, model, initial state, t0, scheme, step, refine, options) and on the build alone.
     Threads, lanes and the number of paths change no bit of it.
 
-    - q0, p0: initial state, a number, (dof,) for all paths, or (dof, path)
+    - q0, p0: initial state, a number, (dof,) for all paths, (dof, path), or a law of `symsde.states`
     - step: h, may be negative; steps: their number, a multiple of save_every; t0: time of step 0
+    - save_at: times to save in the place of every save_every-th, (time,), each t0 + n*step, in the order of the run. In
+      between all multiples of their largest common divisor are held
     - scheme: a name (`symsde.schemes.names()`) or a Scheme
     - paths, first_path: global indices first_path .. first_path + paths - 1
     - seed: 0 .. 2^64 - 1

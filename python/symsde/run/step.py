@@ -18,6 +18,7 @@ from .simulate import Run
 
 _DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}
 _DECIDED |= {"paths": "the points are those of q, p and dw", "save_every": "it makes one step"}
+_DECIDED |= {"save_at": "it makes one step"}
 _DECIDED |= {"progress": "it makes one step"}
 
 
