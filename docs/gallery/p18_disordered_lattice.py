@@ -3,11 +3,12 @@
 A disordered lattice with noise of phases
 =========================================
 
-A particle hops on a ring of 32 sites whose energies differ, :math:`i\\,d\\psi_k = e_k\\psi_k\\,dt -
-(\\psi_{k-1} + \\psi_{k+1})\\,dt + g|\\psi_k|^2\\psi_k\\,dt + s\\,\\psi_k\\circ dW_k`. Disorder holds it where it
-began; noise of the phases sets it free. Energies and hopping are quadratic, and what is left are
-functions of the actions :math:`|\\psi_k|^2/2`: ``gauss_dkdkd`` takes the first exactly and turns
-every phase by the rest. The norm stays to rounding.
+A particle hops on a ring of 32 sites whose energies differ,
+:math:`i\\,d\\psi_k = e_k\\psi_k\\,dt - (\\psi_{k-1} + \\psi_{k+1})\\,dt +
+g|\\psi_k|^2\\psi_k\\,dt + s\\,\\psi_k\\circ dW_k`. Disorder holds it where it began; noise of the
+phases sets it free. Energies and hopping are quadratic, and what is left are functions of the
+actions :math:`|\\psi_k|^2/2`: ``gauss_dkdkd`` takes the first exactly and turns every phase by
+the rest. The norm stays to rounding.
 """
 
 import matplotlib.pyplot as plt
@@ -19,9 +20,9 @@ sites, energies = range(1, n + 1), np.random.default_rng(4).uniform(-3, 3, n)
 squares = [f"(q{k}**2 + p{k}**2)" for k in sites]
 hopping = " ".join(f"- (q{k}*q{k % n + 1} + p{k}*p{k % n + 1})" for k in sites)
 lattice = ss.model_from_sympy(
-    " + ".join(f"e{k}*{x}/2 + g*{x}**2/4" for k, x in zip(sites, squares)) + hopping,
+    " + ".join(f"e{k}*{x}/2 + g*{x}**2/4" for k, x in zip(sites, squares, strict=True)) + hopping,
     noise=[f"s*{x}/2" for x in squares],
-    params={"g": 2.0, "s": 0.5} | {f"e{k}": float(e) for k, e in zip(sites, energies)},
+    params={"g": 2.0, "s": 0.5} | {f"e{k}": float(e) for k, e in zip(sites, energies, strict=True)},
 )
 place = np.arange(n) - n // 2
 start = (place == 0).astype(float)
