@@ -58,7 +58,7 @@ def test_gauss3_comes_to_the_exact_solution(H, noise, q, p):
     ("H", "noise", "words"),
     [
         ("(p**2 + q**2)/2", ["s*q*p"], "has flows that do not commute"),
-        ("(p**2 + q**2)/2", ["s*q"], "has flows that do not commute"),
+        ("(p**2 + q**2)/2", ["s*q", "s*q*p"], "has flows that do not commute, and noise that is not constant"),
         ("p**2/2 - cos(q)", ["s*q"], "is not declared quadratic"),
         ("(2 + sin(t))*(p**2 + q**2)/2", ["s*(p**2 + q**2)"], "changes in time"),
     ],
