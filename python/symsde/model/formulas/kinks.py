@@ -54,19 +54,7 @@ def in_cases(e: Any) -> Any:
     }
     for name, rule in rules.items():
         e = e.replace(getattr(sympy, name), rule)
-    e = e.replace(lambda x: isinstance(x, sympy.core.relational.Relational) and x.has(sympy.Piecewise), _as_logic)
-    return e.replace(sympy.ITE, lambda c, a, b: sympy.Or(sympy.And(c, a), sympy.And(sympy.Not(c), b)))
-
-
-def _as_logic(comparison: Any) -> Any:
-    """A comparison whose sides have cases, as Abs(q) < 1, as a combination of comparisons without cases."""
-    sympy = optional("sympy", "sympy")
-    difference = sympy.piecewise_fold(comparison.lhs - comparison.rhs)
-    result, others = sympy.false, sympy.true
-    for x, condition in difference.args:
-        result = sympy.Or(result, sympy.And(others, condition, comparison.func(x, 0)))
-        others = sympy.And(others, sympy.Not(condition))
-    return result
+    return e.replace(sympy.ITE, lambda c, a, b: sympy.Or(sympy.And(c, a), sympy.And(sympy.Not(c), b)))  # as Abs(q) < 1
 
 
 def require_cases(e: Any, text: str) -> None:
