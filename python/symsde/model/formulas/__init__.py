@@ -14,6 +14,7 @@ derivatives          gradients and Hessians of weighted sums, as nodes of one gr
 graph                expressions in which equal parts are one node
 scaled               exponentials that do not overflow inside quotients and logarithms
 tails                derivatives that stay accurate where a function is near its limit
+matrices             matrices as coordinates and momenta
 kinks                functions with kinks and jumps as cases
 structure            traits and invariants, derived from formulas
 emit_c               C for the callbacks of the library

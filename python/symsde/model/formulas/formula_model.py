@@ -22,7 +22,7 @@ from ...native import callbacks, checks
 from ..definition import Model
 from ..rates import Rates, rates_of
 from ..user_handles import ModelHandle
-from . import compiler, emit_c, emit_flow, formula_code, in_numpy, parameters
+from . import compiler, emit_c, emit_flow, formula_code, in_numpy, matrices, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
@@ -209,8 +209,10 @@ def model_from_sympy(
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 
     - q, p: symbols of coordinates and momenta, or their names, as a list or as a text such as "x y"; functions of
-      time as from `dynamicsymbols` work too. By default they are q and p, or q1, q2, .. and p1, p2, .. as the texts use
-      them. Results, figures and files have these names; instead of q, q1, .. they have q_1, q_2, ..
+      time as from `dynamicsymbols` work too, and a Matrix of symbols, or a MatrixSymbol q, whose elements are called
+      q1, q2, .. row by row; formulas may then hold products of matrices. By default they are q and p, or q1, q2, ..
+      and p1, p2, .. as the texts use them. Results, figures and files have these names; instead of q, q1, .. they have
+      q_1, q_2, ..
     - params: values of all other symbols, by name: numbers, or arrays (path,) with a value for each path of a run
     - t: the symbol of time, by default t
     - invariants: candidates I. For each it is proved, or not, that I_t + {I, H} = 0 and {I, H_k} = 0
@@ -247,11 +249,13 @@ def model_from_sympy(
         "noise_force": noise_force,
         "name": name,
     }
+    given = matrices.in_symbols(given)
     model = _made(given)
     _warn_of_kinks(model)
-    acting = [x for row in _forces.rows_of(force, noise_force) for x in row]
+    acting = [x for row in _forces.rows_of(given["force"], given["noise_force"]) for x in row]
     acting += damping.formulas if isinstance(damping, _rates.Asked) else ()
-    _warn_of_unused(params, [H, *several("noise", noise), *several("invariants", invariants), *acting])
+    others = (x for key in ("noise", "invariants") for x in several(key, given[key]))
+    _warn_of_unused(params, [given["H"], *others, *acting])
     return model
 
 
