@@ -52,6 +52,10 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
     traits["silent"] = list(traits["silent"])
     del traits["diagonal_mass"], traits["touches"]  # these traits only save work, and older folders lack them
+    if traits["split"] is None:  # as older folders have it
+        del traits["split"], traits["kicks"]
+    else:
+        traits["split"] = _hash(_rounded(np.array(traits["split"])))
     found = {"model": model.name, "parameters": {key: _by_path(x) for key, x in given.parameters.items()}}
     found["traits"] = traits
     if (formula := getattr(model, "formula", None)) is not None:
