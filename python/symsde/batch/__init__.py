@@ -7,6 +7,7 @@ shards puts the results together.
 
 ensemble         moments of a large ensemble on any executor
 scene            the description of a run in a TOML file
+by_path          values of parameters that differ from path to path
 named_functions  Python functions that a scene names
 pieces           how a run is cut into pieces
 scene_pieces     a scene with its pieces

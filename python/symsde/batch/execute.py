@@ -146,7 +146,7 @@ class _Saved:
         self._points = {name: [shard.arrays[name]] for name in self._points}
         return self
 
-    def add(self, run: Run, steps: int, *, keeps_first: bool, keeps_last: bool) -> None:
+    def add(self, run: Run, steps: int, keeps_last: bool, *, keeps_first: bool = True) -> None:
         """Append a run from the present state; paths that failed before keep their status."""
         later = slice(1 if self.state or not keeps_first else 0, None if keeps_last else -1)
         points = {"t": run.t[later], "q": run.q[later], "p": run.p[later]}
@@ -213,7 +213,7 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
             model, progress=lambda done, _, b=before: tell(b + done, piece.work) and clock.has_waited(), **here
         )
         if not run.report.stopped:
-            saved.add(run, length, keeps_first=saves is None or saves[0] == 0, keeps_last=keeps_last)
+            saved.add(run, length, keeps_last, keeps_first=saves is None or saves[0] == 0)
             wanted = clock.next_length(length)
         stops = bool(run.report.stopped) or tell(saved.step * piece.paths, piece.work)
         if saved.step >= steps:

@@ -17,7 +17,7 @@ from ..run.setup import make_setup
 from ..run.simulate import simulate
 from ..run.states import named
 from ..run.states.law import States
-from . import computed, named_functions, numerics
+from . import by_path, computed, named_functions, numerics
 from .pieces import is_size
 from .scene import RUN_KEYS, Scene
 
@@ -73,10 +73,11 @@ def python_sources(scene: Scene) -> list[tuple[str, Path]]:
 
 
 def files_beside(scene: Scene) -> list[tuple[str, Path]]:
-    """These files, and tables of initial states, which the folder of a run keeps as well."""
+    """These files, and tables of states and parameters, which the folder of a run keeps as well."""
     folder = Path(scene.file).parent
-    tables = [x["rows"] for x in named.tables_of(scene.tables["run"]) if not Path(x["rows"]).is_absolute()]
-    return [*python_sources(scene), *((name, folder / name) for name in dict.fromkeys(tables))]
+    named_there = [*(x["rows"] for x in named.tables_of(scene.tables["run"])), *by_path.files_of(scene.tables["model"])]
+    tables = dict.fromkeys(name for name in named_there if not Path(name).is_absolute())
+    return [*python_sources(scene), *((name, folder / name) for name in tables)]
 
 
 def _plain(value):

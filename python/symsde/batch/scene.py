@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import models
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..model.definition import Model
@@ -26,14 +24,13 @@ from ..run.observers import observables, requests
 from ..run.setup import make_setup
 from ..run.simulate import Run, simulate
 from ..run.states.named import from_table
-from . import named_functions
+from . import by_path, named_functions
 
 _NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
 RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in _NOT_IN_SCENES]
 _REQUIRED = ("step", "steps", "q0", "p0")
 OUTPUT_KEYS = ["moments", "paths"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
-_NOT_PARAMETERS = {"name", "thermostat", "damping"}  #: keys of a built-in model beside its parameters
 EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
 
 #: whether scenes may name Python functions; set by --allow-python of the command line
@@ -56,6 +53,7 @@ class Scene:
     #: observables that the user defined, by name
     observables: dict[str, observables.Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: observers beside moments, by name
+    values: by_path.Values | None = None  #: values of parameters, each of some paths
 
     @property
     def unsaid(self) -> str:
@@ -108,9 +106,10 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
     _known(file, "key of [study]", study, STUDY_KEYS)
     expect = dict(tables.get("expect", {}))
     _known(file, "key of [expect]", expect, EXPECT_KEYS)
-    model = _model(file, _by_path(file, dict(tables["model"]), run.get("paths", 1)))
+    table, values = by_path.of_table(file, dict(tables["model"]), run)
+    model = _model(file, table)
     scene = Scene(file, model, run, wants_moments, [], study, expect, tables)
-    scene.text = text
+    scene.text, scene.values = text, values
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     scene.observables = _observables(file, scene)
@@ -230,42 +229,6 @@ def _model(file: str, table: dict[str, Any]) -> Model:
         raise
     except SymsdeError as error:
         raise SceneError(f"{file}: [model]: {error}") from error
-
-
-def _by_path(file: str, table: dict[str, Any], paths: object) -> dict[str, Any]:
-    """The table [model] with values for each path in the place of ranges {from = , to = , count = } of parameters.
-
-    Every value, or every combination of values of several ranges (the last range fastest), gets the same number of
-    paths, with consecutive indices.
-    """
-    if "python" in table:
-        return table
-    where = "[model.params]" if "H" in table else "[model]"
-    values = dict(table.get("params") or {}) if "H" in table else table
-    ranges = {key: x for key, x in values.items() if isinstance(x, dict) and key not in _NOT_PARAMETERS}
-    arrays = []
-    for key, given in ranges.items():
-        if set(given) != {"from", "to", "count"}:
-            raise SceneError(
-                f"{file}: {where} {key} = {checks.shown(given)}: give a number, a list with one for each path, or "
-                "{from = 0.1, to = 1.0, count = 10}"
-            )
-        try:
-            ends = (checks.finite(f"{end} of {key}", given[end]) for end in ("from", "to"))
-            arrays.append(np.linspace(*ends, checks.integer(f"count of {key}", given["count"], (1, 2**31))))
-        except SymsdeError as error:
-            raise SceneError(f"{file}: {where}: {error}") from error
-    if not ranges:
-        return table
-    grid = np.meshgrid(*arrays, indexing="ij")
-    count = grid[0].size
-    if type(paths) is not int or paths < 1 or paths % count:
-        raise SceneError(
-            f"{file}: [run] paths = {checks.shown(paths)} is not a multiple of {count}, the number of values of "
-            f"{', '.join(ranges)}: give {count} times the paths of one value"
-        )
-    made = {key: np.repeat(x.ravel(), paths // count) for key, x in zip(ranges, grid, strict=True)}
-    return {**table, "params": {**values, **made}} if "H" in table else {**table, **made}
 
 
 def _bath(file: str, given: object) -> dict[str, Any]:

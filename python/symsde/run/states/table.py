@@ -25,7 +25,7 @@ class Table(States):
     def __init__(self, rows: Any, seed: int | None, *, draws: bool):
         """Read the rows and keep a copy."""
         super().__init__(seed)
-        self._names, self._rows = _read(rows)
+        self._names, self._rows = read_table(rows)
         self._draws = checks.flag("drawn", draws)
         if self._rows.ndim != 2 or not self._rows.size:
             raise WrongShapeError(f"the table of initial states has shape {self._rows.shape}: give (path, column)")
@@ -97,7 +97,7 @@ def _places(names: tuple[str, ...] | None, columns: int, model: Model, letters: 
     return found
 
 
-def _read(given: Any) -> tuple[tuple[str, ...] | None, np.ndarray]:
+def read_table(given: Any) -> tuple[tuple[str, ...] | None, np.ndarray]:
     """Names of the columns, or None, and rows (path, column)."""
     if not isinstance(given, str | os.PathLike):
         return None, np.array(checks.real_array("rows", given))

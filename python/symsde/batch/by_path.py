@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of parameters of a scene that differ from path to path: ranges, and columns of CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidArgumentError, SceneError, SymsdeError
+from ..native import checks
+from ..run.states.table import read_table
+from .pieces import UNIT
+
+_NOT_PARAMETERS = {"name", "thermostat", "damping"}  #: keys of a built-in model beside its parameters
+
+
+@dataclass(frozen=True)
+class Values:
+    """The values of some parameters; each point has the same number of paths, with consecutive indices."""
+
+    points: dict[str, np.ndarray]  #: name -> (point,)
+    paths: int  #: of a point
+    first: int  #: global index of the first path of the first point
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return len(next(iter(self.points.values())))
+
+    def fits(self, size: int) -> bool:
+        """Whether every point is made of whole shards of this size."""
+        return self.paths % size == 0 and self.first % size == 0
+
+    @property
+    def largest(self) -> int | None:
+        """The largest size of shards that fit; None if none does."""
+        size = UNIT
+        if not self.fits(size):
+            return None
+        while self.fits(2 * size):
+            size *= 2
+        return size
+
+
+def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[dict[str, Any], Values | None]:
+    """The table [model] with values for each path in the place of {from = , to = , count = } and {csv = , column = }
+    of parameters, and these values; None if there are none.
+
+    Every value, or every combination of values (the last range fastest), gets the same number of paths. Columns of CSV
+    files go together, row by row.
+    """
+    if "python" in table:
+        return table, None
+    where = "[model.params]" if "H" in table else "[model]"
+    values = dict(table.get("params") or {}) if "H" in table else table
+    given = {key: x for key, x in values.items() if isinstance(x, dict) and key not in _NOT_PARAMETERS}
+    if not given:
+        return table, None
+    try:
+        columns = {key: _column(file, key, x) for key, x in given.items() if "csv" in x}
+        ranges = {key: _range(key, x) for key, x in given.items() if "csv" not in x}
+        rows = {len(x) for x in columns.values()}
+        if len(rows) > 1:
+            raise InvalidArgumentError(f"{', '.join(columns)} have columns of {min(rows)} and of {max(rows)} rows")
+    except SymsdeError as error:
+        raise SceneError(f"{file}: {where}: {error}") from error
+    axes = [np.arange(x) for x in rows] + list(ranges.values())
+    grid = [x.ravel() for x in np.meshgrid(*axes, indexing="ij")]
+    points = {key: x[grid[0]] for key, x in columns.items()}
+    points |= dict(zip(ranges, grid[len(rows) :], strict=True))
+    points = {key: points[key] for key in given}
+    count, paths = grid[0].size, run.get("paths", 1)
+    if type(paths) is not int or paths < 1 or paths % count:
+        raise SceneError(
+            f"{file}: [run] paths = {checks.shown(paths)} is not a multiple of {count}, the number of values of "
+            f"{', '.join(given)}: give {count} times the paths of one value"
+        )
+    made = {key: np.repeat(x, paths // count) for key, x in points.items()}
+    first = run.get("first_path", 0)
+    found = Values(points, paths // count, first if type(first) is int else 0)
+    return ({**table, "params": {**values, **made}} if "H" in table else {**table, **made}), found
+
+
+def _range(key: str, given: dict[str, Any]) -> np.ndarray:
+    """The values of {from = , to = , count = }."""
+    if set(given) != {"from", "to", "count"}:
+        raise InvalidArgumentError(
+            f"{key} = {checks.shown(given)}: give a number, a list with one for each path, "
+            '{from = 0.1, to = 1.0, count = 10}, or {csv = "values.csv", column = "name"}'
+        )
+    ends = (checks.finite(f"{end} of {key}", given[end]) for end in ("from", "to"))
+    return np.linspace(*ends, checks.integer(f"count of {key}", given["count"], (1, 2**31)))
+
+
+def _column(file: str, key: str, given: dict[str, Any]) -> np.ndarray:
+    """The values of {csv = , column = }; without column it has the parameter's name."""
+    if not set(given) <= {"csv", "column"} or not all(isinstance(x, str) for x in given.values()):
+        raise InvalidArgumentError(f'{key} = {checks.shown(given)}: give {{csv = "values.csv", column = "name"}}')
+    names, rows = read_table(Path(file).parent / given["csv"])
+    column = given.get("column", key)
+    if names is None or column not in names:
+        told = f"its columns are {', '.join(names[:8])}" if names else "its first row has no names of columns"
+        raise InvalidArgumentError(f"{key}: {given['csv']} has no column {column}: {told}")
+    found = rows[:, names.index(column)]
+    if not found.size or not np.isfinite(found).all():
+        raise InvalidArgumentError(f"{key}: the column {column} of {given['csv']} is no list of finite numbers")
+    return np.ascontiguousarray(found)
+
+
+def files_of(model: Mapping[str, Any]) -> list[str]:
+    """The files beside a scene with values of parameters."""
+    tables = [*model.values(), *(model.get("params") or {}).values()] if isinstance(model, dict) else []
+    return [x["csv"] for x in tables if isinstance(x, dict) and isinstance(x.get("csv"), str)]
