@@ -161,7 +161,7 @@ class _Saved:
         self.state = state
         self.step += steps
 
-    def counted(self, first_step: int, saved: np.ndarray | None) -> dict[str, Any]:
+    def counted(self, first_step: int, saved: np.ndarray | None = None) -> dict[str, Any]:
         """Counters from the paths alone: normals drawn ahead would depend on where segments began."""
         failed = self.state["status"] != 0
         done = np.where(failed, self.state["failed_step"] - first_step, self.step)
