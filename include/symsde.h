@@ -336,12 +336,13 @@ enum symsde_areas {
    SYMSDE_AREAS_LAW = 1   /* areas in law given dW and dZ, at bounded cost, not of the path: refine < 0 is refused */
 };
 
-/* The noise of free motion with damping by one rate, in schemes of kicks such as gauss_dkdkd. */
+/* The noise of linear damped drifts, in schemes of kicks such as gauss_dkdkd: of free motion with one rate, else of
+ * noises that are constant. */
 enum symsde_damping_noise {
    SYMSDE_DAMPING_NOISE_LAW = 0,        /* LAW2, or LAW3 if the scheme draws K, as chin4a does */
    SYMSDE_DAMPING_NOISE_LAW2 = 1,       /* exact law, from dW and dZ */
    SYMSDE_DAMPING_NOISE_LAW3 = 2,       /* exact law, from dW, dZ and K */
-   SYMSDE_DAMPING_NOISE_PATH = 3,       /* noise of the path itself: steps and their halves agree; draws K and E */
+   SYMSDE_DAMPING_NOISE_PATH = 3,       /* noise of the path itself, with one rate: steps and their halves agree; draws K and E */
    SYMSDE_DAMPING_NOISE_POLYNOMIAL = 4  /* weights as without damping: orders hold, the law of free motion does not */
 };
 
@@ -613,8 +614,9 @@ int symsde_commutator(symsde_model model, double t, int64_t npoint, const double
                       int32_t *commute, char *text, size_t size, symsde_progress progress, void *user,
                       symsde_error *error);
 /* exact solution q, p [ntime][ndof][paths] on the run's own Brownian path, if the model has one: quadratic models with
- * flows that commute; linear_oscillator and additive_oscillator, by dW, dZ, K of the run and two more draws a step.
- * SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
+ * flows that commute, or with constant noise, by dW, dZ, K of the run and two more draws a step and degree of freedom;
+ * damped by numbers or a matrix, too. SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments, and for
+ * SYMSDE_DAMPING_NOISE_PATH */
 int symsde_exact_solution(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                           const symsde_input *input, double *q, double *p, symsde_error *error);
 
