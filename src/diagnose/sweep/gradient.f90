@@ -9,9 +9,8 @@
 !> it is taken forward once with the states between pieces kept; then, from the last piece to the first, each piece is
 !> taken forward again, with the same bits, and back.
 module symsde_diagnose_sweep_gradient
-   use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_lanes, only: padded
+   use symsde_base_lanes, only: padded, lane_unit
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape, incompatible, callback_failed, stopped
    use symsde_base_text, only: to_text
@@ -27,7 +26,8 @@ module symsde_diagnose_sweep_gradient
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_factory, only: resolve_task
-   use symsde_step_linear_choice, only: require_linear
+   use symsde_step_linear_choice, only: require_linear, new_linear_step
+   use symsde_step_linear_linear_step, only: linear_step
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
@@ -82,24 +82,26 @@ contains
       type(sweep_observer) :: observer
       type(monitor_type), target :: none
       type(long_run), target :: run
-      integer :: most
+      integer :: most, nrate
+      logical :: by_position
 
-      call resolve_linear(task, model, wide, scheme, options, theta, error)
+      call resolve_linear(task, model, wide, scheme, options, theta, nrate, by_position, error)
       if (allocated(error)) return
       value = 0
       u = 0
       c = 0
       status = 0
       failed_step = -1
-      plan = sweep_plan(task=task, model=model, wide=wide, asked=scheme%asks%needed_for(model%traits), &
-                        t0=options%t0, h=options%step, first_path=options%first_path, origin=options%first_step, &
+      plan = sweep_plan(task=task, model=model, wide=wide, nrate=nrate, by_position=by_position, &
+                        asked=scheme%asks%needed_for(model%traits), t0=options%t0, h=options%step, &
+                        first_path=options%first_path, origin=options%first_step, &
                         first=options%first_step, every=options%save_every, theta=theta, u=u, c=c, value=value, &
                         status=status, failed_step=failed_step)
       observer%plan => plan
       run%options = options
       run%options%save_every = 1
-      call narrow_blocks(run%options, model, plan%asked)
-      most = steps_at_once(run%options, model, plan%asked)
+      call narrow_blocks(run%options, plan)
+      most = steps_at_once(run%options, plan)
       if (options%nstep <= most) then
          plan%nstep = int(options%nstep)
          plan%f => f
@@ -119,55 +121,62 @@ contains
 
    !> Choose narrower blocks if all steps of a run fit into memory then: a second way forward would take longer. Lanes
    !> change no bit.
-   subroutine narrow_blocks(options, model, asked)
+   subroutine narrow_blocks(options, plan)
       type(run_options), intent(inout) :: options
-      class(model_type), intent(in) :: model
-      type(functional_set), intent(in) :: asked
+      type(sweep_plan), intent(in) :: plan
       integer, parameter :: least = 64   !! lanes below which blocks take longer than a second way forward
       type(run_options) :: narrower
 
       if (options%nlane /= 0) return
       narrower = options
-      narrower%nlane = choose_nlane(options, model)
-      do while (narrower%nlane >= 2*least .and. options%nstep > steps_at_once(narrower, model, asked))
+      narrower%nlane = choose_nlane(options, plan%model)
+      do while (narrower%nlane >= 2*least .and. options%nstep > steps_at_once(narrower, plan))
          narrower%nlane = padded(narrower%nlane/2)
       end do
-      if (options%nstep <= steps_at_once(narrower, model, asked)) options%nlane = narrower%nlane
+      if (options%nstep <= steps_at_once(narrower, plan)) options%nlane = narrower%nlane
    end subroutine narrow_blocks
 
    !> Number of steps of its block that a thread keeps.
-   pure integer function steps_at_once(options, model, asked)
+   pure integer function steps_at_once(options, plan)
       type(run_options), intent(in) :: options
-      class(model_type), intent(in) :: model
-      type(functional_set), intent(in) :: asked
+      type(sweep_plan), intent(in) :: plan
 
-      steps_at_once = int(room/(real(padded(choose_nlane(options, model)), wp)*numbers_of_step(model, asked)))
+      steps_at_once = int(room/(real(padded(choose_nlane(options, plan%model)), wp)*numbers_of_step(plan)))
       steps_at_once = max(rest, steps_at_once)
    end function steps_at_once
 
    !> Resolve the task of a run. Refused are models and schemes without exact derivatives, compensated sums, and a wrong
    !> number of parameters or of their rows.
-   subroutine resolve_linear(task, model, wide, scheme, options, theta, error)
+   subroutine resolve_linear(task, model, wide, scheme, options, theta, nrate, by_position, error)
       type(stepper_task), intent(out) :: task
       class(model_type), intent(in), target :: model, wide
       type(scheme_type), intent(in), target :: scheme
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: theta(:, :)   !! parameters (npath or 1, nparameter)
+      integer, intent(out) :: nrate         !! rates of damping that derivatives are by: none, or all
+      logical, intent(out) :: by_position   !! steps are linearised without the momenta of the path
       type(error_type), allocatable, intent(inout) :: error
+      class(linear_step), allocatable :: step
 
+      nrate = 0
+      by_position = .false.
       if (allocated(error)) return
       call check_options(options, error)
       if (allocated(error)) return
       call resolve_task(task, model, scheme, steppers_of(options), error)
-      call require_linear(task, wide, error)
+      if (size(theta, 2) == wide%traits%ndof) nrate = model%traits%ndof
+      call require_linear(task, wide, nrate, error)
       if (allocated(error)) return
-      associate (needed => wide%traits%ndof - model%traits%ndof)
+      call new_linear_step(step, task, model, wide, nrate, lane_unit)
+      by_position = step%by_position
+      associate (needed => wide%traits%ndof - model%traits%ndof + nrate)
          if (options%compensated) then
             call raise(error, incompatible, place, 'compensated sums have the derivatives of plain ones: leave '// &
                        'compensated out')
          else if (size(theta, 2) /= needed .or. .not. any(size(theta, 1, i8) == [1_i8, options%npath])) then
             call raise(error, wrong_shape, place, 'there are '//to_text(size(theta, 2))//' parameters for '// &
-                       to_text(size(theta, 1))//' paths; needed are '//to_text(needed)//', for one or '// &
+                       to_text(size(theta, 1))//' paths; needed are '//to_text(needed)//', and '// &
+                       to_text(model%traits%ndof)//' more for derivatives by rates of damping, for one or '// &
                        to_text(options%npath)//' paths')
          end if
       end associate

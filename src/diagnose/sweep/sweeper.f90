@@ -36,6 +36,8 @@ module symsde_diagnose_sweep_sweeper
       type(stepper_task), pointer :: task => null()
       class(model_type), pointer :: model => null(), wide => null()
       class(path_function), pointer :: f => null()    !! function f, called here if the piece is the whole run
+      integer :: nrate = 0                            !! rates of damping that derivatives are by: none, or all
+      logical :: by_position = .false.                !! steps are linearised without the momenta of the path
       type(functional_set) :: asked
       real(wp) :: t0 = 0, h = 0                       !! time of step 0 of the run, and the step [time]
       integer(i8) :: first_path = 0
@@ -83,11 +85,12 @@ module symsde_diagnose_sweep_sweeper
 contains
 
    !> Numbers that are kept for each step and lane.
-   pure integer function numbers_of_step(model, asked)
-      class(model_type), intent(in) :: model
-      type(functional_set), intent(in) :: asked
+   pure integer function numbers_of_step(plan)
+      type(sweep_plan), intent(in) :: plan
 
-      numbers_of_step = 2*model%traits%ndof + 1 + asked%columns(model%traits%nnoise)
+      associate (t => plan%model%traits)
+         numbers_of_step = merge(t%ndof, 2*t%ndof, plan%by_position) + 1 + plan%asked%columns(t%nnoise)
+      end associate
    end function numbers_of_step
 
    subroutine begin_block(self, first, nreal, nlane)
@@ -101,11 +104,11 @@ contains
          if (.not. allocated(self%q)) then
             self%nlane = padded(nlane)
             allocate (self%q(self%nlane, n, 0:plan%nstep), self%p(self%nlane, n, 0:plan%nstep))
-            allocate (self%u(self%nlane, plan%wide%traits%ndof), self%c(self%nlane, n))
+            allocate (self%u(self%nlane, n + size(plan%theta, 2)), self%c(self%nlane, n))
             call new_step_store(self%store, self%nlane, plan%model%traits%nnoise, max(2, plan%nstep), plan%h, &
                                 plan%asked)
             if (.not. associated(self%view)) self%view => plan%model
-            call new_linear_step(self%step, plan%task, self%view, plan%wide, self%nlane)
+            call new_linear_step(self%step, plan%task, self%view, plan%wide, plan%nrate, self%nlane)
          end if
       end associate
    end subroutine begin_block
@@ -162,7 +165,8 @@ contains
       type(lane_state), intent(inout) :: state
 
       call copy_lanes(state%nlane, self%nlane, state%ndof, state%q, self%q(:, :, isave))
-      call copy_lanes(state%nlane, self%nlane, state%ndof, state%p, self%p(:, :, isave))
+      if (momenta_are_kept(self%plan, isave)) &
+         call copy_lanes(state%nlane, self%nlane, state%ndof, state%p, self%p(:, :, isave))
       if (isave == self%plan%nstep) call go_through(self, state)
    end subroutine observe
 
@@ -178,17 +182,26 @@ contains
 
       do k = 1, nsave
          call copy_lanes(nlane, self%nlane, state%ndof, q(:, :, k), self%q(:, :, isave + k - 1))
-         call copy_lanes(nlane, self%nlane, state%ndof, p(:, :, k), self%p(:, :, isave + k - 1))
+         if (momenta_are_kept(self%plan, isave + k - 1)) &
+            call copy_lanes(nlane, self%nlane, state%ndof, p(:, :, k), self%p(:, :, isave + k - 1))
       end do
       call state%take_first(nlane, q(1, 1, nsave), p(1, 1, nsave))
       if (isave + nsave - 1 == self%plan%nstep) call go_through(self, state)
    end subroutine observe_several
 
+   !> Whether the momenta behind this step of the piece are read: by the linearised steps, or by f at a saved time.
+   pure logical function momenta_are_kept(plan, isave)
+      type(sweep_plan), intent(in) :: plan
+      integer(i8), intent(in) :: isave
+
+      momenta_are_kept = .not. plan%by_position .or. (associated(plan%f) .and. mod(isave, plan%every) == 0)
+   end function momenta_are_kept
+
    !> After all steps of a block: give the linearised step the parameters of the lanes, and go through the steps.
    subroutine go_through(self, state)
       type(sweep_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
-      real(wp) :: theta(self%nlane, self%plan%wide%traits%ndof - self%plan%model%traits%ndof)
+      real(wp) :: theta(self%nlane, size(self%plan%theta, 2))
       integer(i8) :: status(self%nlane)
       integer :: i, lane
 
@@ -222,15 +235,16 @@ contains
       integer(i8) :: n
       integer :: j, k, m
 
-      associate (plan => self%plan, ndof => self%plan%model%traits%ndof, nwide => self%plan%wide%traits%ndof, &
+      associate (plan => self%plan, ndof => self%plan%model%traits%ndof, &
+                 nrow => self%plan%model%traits%ndof + size(self%plan%theta, 2), &
                  a => self%offset + 1, b => self%offset + self%nreal)
          m = size(plan%v, 3)
-         allocate (vq(self%nlane, nwide, m), vp(self%nlane, ndof, m), logs(self%nlane, m), source=0.0_wp)
+         allocate (vq(self%nlane, nrow, m), vp(self%nlane, ndof, m), logs(self%nlane, m), source=0.0_wp)
          vq(:self%nreal, :ndof, :) = plan%v(a:b, :ndof, :)
          vp(:self%nreal, :, :) = plan%v(a:b, ndof + 1:, :)
          logs(:self%nreal, :) = plan%logs(a:b, :)   ! goes on with the sum from the beginning of the run
-         do j = 1, nwide - ndof
-            vq(:, ndof + j, m - (nwide - ndof) + j) = 1
+         do j = 1, nrow - ndof
+            vq(:, ndof + j, m - (nrow - ndof) + j) = 1
          end do
          do k = 1, plan%nstep
             call self%store%show(k - 1, plan%t0 + real(plan%first + k - 1, wp)*plan%h, step)
@@ -238,7 +252,7 @@ contains
                                  vq, vp, status)
             if (plan%turn == 0) cycle
             n = plan%first - plan%origin + k
-            if (mod(n, plan%turn) == 0 .or. n == plan%total) call decompose(self%nlane, ndof, nwide, m, vq, vp, logs)
+            if (mod(n, plan%turn) == 0 .or. n == plan%total) call decompose(self%nlane, ndof, nrow, m, vq, vp, logs)
          end do
          plan%v(a:b, :ndof, :) = vq(:self%nreal, :ndof, :)
          plan%v(a:b, ndof + 1:, :) = vp(:self%nreal, :, :)
@@ -292,7 +306,7 @@ contains
       integer(i8) :: n
       real(wp), allocatable :: fq(:, :, :), fp(:, :, :)   !! (nreal, ndof, saved times of the piece)
       logical :: saved
-      integer :: k
+      integer :: k, ready   !! first state that the linearised steps are prepared for
 
       associate (plan => self%plan, offset => self%offset, nreal => self%nreal)
          self%u = 0
@@ -303,6 +317,7 @@ contains
             self%u(:nreal, :) = plan%u(offset + 1:offset + nreal, :)
             self%c(:nreal, :) = plan%c(offset + 1:offset + nreal, :)
          end if
+         ready = plan%nstep + 1
          do k = plan%nstep, 0, -1
             n = plan%first - plan%origin + k   ! steps from the beginning of the run
             saved = mod(n, plan%every) == 0 .and. (k > 0 .or. n == 0)
@@ -316,6 +331,8 @@ contains
                end if
             end if
             if (k == 0) exit
+            if (k < ready) call self%step%prepare(k, plan%nstep, plan%t0 + real(plan%first + k, wp)*plan%h, plan%h, &
+                                                  self%store%w, self%q, ready)
             call self%store%show(k - 1, plan%t0 + real(plan%first + k - 1, wp)*plan%h, step)
             call self%step%back(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), &
                                 self%u, self%c, status)
@@ -427,7 +444,7 @@ contains
       real(wp) :: lanes
 
       lanes = min(256.0_wp, real(npath, wp) + 7)
-      numbers = nthread*lanes*(real(self%plan%nstep, wp) + 1)*numbers_of_step(self%plan%model, self%plan%asked)
+      numbers = nthread*lanes*(real(self%plan%nstep, wp) + 1)*numbers_of_step(self%plan)
    end function numbers
 
    integer function failure_code(self) result(code)

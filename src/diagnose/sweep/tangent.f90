@@ -54,20 +54,23 @@ contains
       type(run_options) :: each
       real(wp), pointer, contiguous :: given(:, :, :)
       integer(i8) :: most, begun, many
+      integer :: nrate
+      logical :: by_position
 
-      call resolve_linear(task, model, wide, scheme, options, theta, error)
+      call resolve_linear(task, model, wide, scheme, options, theta, nrate, by_position, error)
       if (allocated(error)) return
       logs = 0
       status = 0
       failed_step = -1
       teller => none
       if (present(monitor)) teller => monitor
-      plan = sweep_plan(task=task, model=model, wide=wide, asked=scheme%asks%needed_for(model%traits), t0=options%t0, &
-                        h=options%step, first_path=options%first_path, origin=options%first_step, &
+      plan = sweep_plan(task=task, model=model, wide=wide, nrate=nrate, by_position=by_position, &
+                        asked=scheme%asks%needed_for(model%traits), t0=options%t0, h=options%step, &
+                        first_path=options%first_path, origin=options%first_step, &
                         total=options%nstep, theta=theta, v=v, turn=turn, logs=logs, last_q=last_q, last_p=last_p, &
                         status=status, failed_step=failed_step)
       observer%plan => plan
-      most = steps_at_once(options, model, plan%asked)
+      most = steps_at_once(options, plan)
       many = 2_i8**max(0, options%refine)   ! rows of increments of a step
       each = options
       each%save_every = 1

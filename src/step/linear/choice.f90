@@ -6,6 +6,7 @@ module symsde_step_linear_choice
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, frame_none, ito_form, splitting_form, galerkin_form
+   use symsde_step_linear_eliminated, only: eliminated_step, eliminated_fits, new_eliminated_step
    use symsde_step_linear_kicks, only: kicks_step, new_kicks_step, why_no_kicks
    use symsde_step_linear_kick_drift, only: kick_drift_step, kick_drift_fits, new_kick_drift
    use symsde_step_linear_linear_step, only: linear_step
@@ -20,9 +21,10 @@ module symsde_step_linear_choice
 contains
 
    !> Refuse tasks and models whose steps cannot be linearised exactly.
-   subroutine require_linear(task, wide, error)
+   subroutine require_linear(task, wide, nrate, error)
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in) :: wide    !! model with the parameters as further positions
+      integer, intent(in) :: nrate             !! rates of damping that derivatives are by: none, or all
       type(error_type), allocatable, intent(inout) :: error
       character(*), parameter :: place = 'linear_step'
       character(:), allocatable :: why_not   !! of splitting schemes
@@ -40,8 +42,12 @@ contains
          else if (is_silent(t, wide%traits)) then
             call refuse('a noise of model '//task%model%name//' is zero and not drawn, and a parameter changes it; '// &
                         'give the parameter a small value')
-         else if (t%forces%act()) then
-            call refuse('forces act on model '//task%model%name//', whose derivatives are not symmetric')
+         else if (t%forces%act() .and. scheme%form == splitting_form) then
+            call refuse('forces act between the drifts of scheme '//scheme%name)
+         else if (t%forces%act() .and. .not. (t%forces%has_derivative .and. wide%traits%forces%has_derivative)) then
+            call refuse('forces of model '//task%model%name//' have no derivatives: give force_derivative, or formulas')
+         else if (nrate > 0 .and. scheme%form == splitting_form) then
+            call refuse('scheme '//scheme%name//' has drifts that decay')
          else if (task%newton%fixed_point > 0) then
             call refuse('a given number of iterations does not solve the equations that are differentiated')
          else if (scheme%frame /= frame_none) then
@@ -60,10 +66,9 @@ contains
             call refuse('rates of damping of model '//task%model%name//' are functions')
          else if (allocated(task%damping%friction)) then
             call refuse('model '//task%model%name//' is damped by a matrix of friction')
-         else if (scheme%form /= splitting_form .and. 2*t%ndof*scheme%nstage > most_unknowns .and. &
-                  .not. kick_drift_fits(task, wide)) then
-            call refuse('an implicit step of '//to_text(2*t%ndof*scheme%nstage)//' unknowns is solved by dense '// &
-                        'matrices, of at most '//to_text(most_unknowns))
+         else if (unknowns_of(task, wide, nrate) > most_unknowns) then
+            call refuse('an implicit step of '//to_text(unknowns_of(task, wide, nrate))//' unknowns is solved by '// &
+                        'dense matrices, of at most '//to_text(most_unknowns))
          end if
       end associate
 
@@ -73,10 +78,23 @@ contains
          character(*), intent(in) :: why
 
          call raise(error, incompatible, place, 'no exact derivative of the steps is known: '//why// &
-                    '; use midpoint, gauss2 or stormer_verlet for a model without forces')
+                    '; use midpoint, gauss2 or stormer_verlet')
       end subroutine refuse
 
    end subroutine require_linear
+
+   !> Unknowns of the linear system of a step.
+   integer function unknowns_of(task, wide, nrate) result(n)
+      type(stepper_task), intent(in) :: task
+      class(model_type), intent(in) :: wide
+      integer, intent(in) :: nrate
+
+      n = 0
+      if (task%scheme%form == splitting_form) return
+      if (kick_drift_fits(task, wide) .and. nrate == 0) return
+      n = task%model%traits%ndof*task%scheme%nstage
+      if (.not. eliminated_fits(task, wide)) n = 2*n
+   end function unknowns_of
 
    !> Whether a noise of the path is not drawn that the wide model has.
    pure logical function is_silent(narrow, wide)
@@ -89,17 +107,19 @@ contains
    end function is_silent
 
    !> The linearised step of a task that require_linear has accepted, for blocks of nlane lanes.
-   subroutine new_linear_step(step, task, model, wide, nlane)
+   subroutine new_linear_step(step, task, model, wide, nrate, nlane)
       class(linear_step), allocatable, intent(out) :: step
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in), target :: model   !! the path's model, or a view that knows the lanes' paths
       class(model_type), intent(in), target :: wide
+      integer, intent(in) :: nrate                     !! rates of damping that derivatives are by: none, or all
       integer, intent(in) :: nlane                     !! a multiple of 8
       type(kick_drift_step), allocatable :: kicks
       type(tableau_step), allocatable :: tableau
+      type(eliminated_step), allocatable :: eliminated
       type(kicks_step), allocatable :: splitting
 
-      if (kick_drift_fits(task, wide)) then
+      if (kick_drift_fits(task, wide) .and. nrate == 0) then
          allocate (kicks)
          call new_kick_drift(kicks, task, wide, nlane)
          call move_alloc(kicks, step)
@@ -107,11 +127,17 @@ contains
          allocate (splitting)
          call new_kicks_step(splitting, task, wide, nlane)
          call move_alloc(splitting, step)
+      else if (eliminated_fits(task, wide)) then
+         allocate (eliminated)
+         call new_eliminated_step(eliminated, task, model, wide, nlane)
+         call move_alloc(eliminated, step)
       else
          allocate (tableau)
          call new_tableau_step(tableau, task, model, wide, nlane)
          call move_alloc(tableau, step)
       end if
+      step%nrow = step%nwide + nrate
+      step%by_position = step%by_position .and. nrate == 0
    end subroutine new_linear_step
 
 end module symsde_step_linear_choice

@@ -10,6 +10,8 @@
 !> map is linear in the weights, so the kick that ends a step and the kick that begins the next step, both at q_{n+1},
 !> are done as one kick, with the sums of their weights.
 !>
+!> Where Hhat_qq has few entries, those of several steps are computed at once, as if the steps were further lanes.
+!>
 !> Tangent vectors go the same way forward: dp <- dp - b_1 U_qq dq, dq <- dq + T_pp dp, dp <- dp - b_2 U_qq dq.
 !>
 !> Rows of the parameters: u_theta <- u_theta - b U_{theta q} c, by the same product. T holds no parameters.
@@ -27,17 +29,27 @@ module symsde_step_linear_kick_drift
    private
    public :: kick_drift_step, kick_drift_fits, new_kick_drift
 
+   integer, parameter :: most_entries = 16      !! of Hhat_qq and Hhat_{theta q}, beyond which products take less time
+   integer, parameter :: cached = 4096         !! entries of Hessians that are computed at once
+
    type, extends(linear_step) :: kick_drift_step
       private
       real(wp) :: part(2) = 0                !! parts of the kick before the drift and behind it
       logical :: by_h = .false.              !! the drift is q <- q + h p, whatever the parameters
-      real(wp), allocatable :: w(:, :)       !! weights of the kick to come (nlane, 0:nnoise)
+      real(wp), allocatable :: w(:, :)       !! weights of a kick (nlane, 0:nnoise)
+      real(wp), pointer, contiguous :: last_w(:, :) => null()   !! weights of the last step, if its first kick waits
       logical :: waits = .false.             !! whether the kick that began the last step is still to be done
       real(wp) :: t = 0                      !! time of the step
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
       real(wp), allocatable, dimension(:, :) :: cq, zero         !! c, whose rows of parameters are zero, and zero
+      integer :: ahead = 0                   !! most steps whose kicks are computed ahead; 0 = none
+      integer :: low = 0                     !! first state whose kick is computed
+      integer :: now = -1                    !! state behind the next step
+      real(wp), allocatable, dimension(:, :) :: ahead_w, ahead_q, ahead_p  !! (nlane ahead, ..)
+      real(wp), allocatable :: hqq(:, :, :)  !! (nlane ahead, nwide, nwide)
    contains
       procedure :: back
+      procedure :: prepare
       procedure :: forth
       procedure :: settle
    end type kick_drift_step
@@ -93,53 +105,102 @@ contains
       call find_parts(task%scheme, self%part)
       associate (t => task%model%traits)
          self%by_h = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
+         self%by_position = self%by_h
       end associate
       call new_one_step_hamiltonian(self%ham, wide, nlane, correction_none, 0.0_wp)
       allocate (self%w(nlane, 0:wide%traits%nnoise), source=0.0_wp)
       allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
       allocate (self%cq(nlane, self%nwide), self%zero(nlane, self%nwide), source=0.0_wp)
       allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
+      if (self%ndof*self%nwide > most_entries .or. .not. (self%by_h .and. wide%traits%has_hessian)) return
+      self%ahead = 1
+      if (wide%traits%autonomous) self%ahead = max(1, cached/(nlane*self%nwide**2))
+      associate (n => nlane*self%ahead)
+         allocate (self%ahead_w(n, 0:wide%traits%nnoise), self%ahead_q(n, self%nwide))
+         allocate (self%hqq(n, self%nwide, self%nwide))
+         allocate (self%ahead_p(n, self%nwide), source=0.0_wp)
+      end associate
    end subroutine new_kick_drift
+
+   !> Compute Hhat_qq at the next states that kicks are taken back at. Where fewer are left, the first is repeated.
+   subroutine prepare(self, k, nstep, t, h, w, q, ready)
+      class(kick_drift_step), intent(inout) :: self
+      integer, intent(in) :: k, nstep
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: w(self%nlane, 0:self%ham%nnoise, 0:nstep - 1)
+      real(wp), intent(in) :: q(self%nlane, self%ndof, 0:nstep)
+      integer, intent(out) :: ready
+      integer :: i, j, state, from
+
+      ready = 0
+      if (self%ahead == 0) return
+      self%low = k - self%ahead + 1
+      self%now = k
+      ready = max(1, self%low)
+      if (k == nstep) then  ! once a piece
+         self%ahead_w(:, 0) = (self%part(1) + self%part(2))*h
+         do i = self%ndof + 1, self%nwide
+            do j = 0, self%ahead - 1
+               self%ahead_q(self%nlane*j + 1:self%nlane*(j + 1), i) = self%q(:, i)
+            end do
+         end do
+      end if
+      do j = 0, self%ahead - 1
+         state = max(1, self%low + j)
+         from = self%nlane*j
+         do i = 1, self%ham%nnoise
+            self%ahead_w(from + 1:from + self%nlane, i) = self%part(2)*w(:, i, state - 1) + &
+                                                          self%part(1)*w(:, i, min(state, nstep - 1))
+         end do
+         do i = 1, self%ndof
+            self%ahead_q(from + 1:from + self%nlane, i) = q(:, i, state)
+         end do
+      end do
+      call self%ham%bare_gradient_hessian(self%nlane*self%ahead, t, self%ahead_w, self%ahead_q, self%ahead_p, &
+                                          hqq=self%hqq)
+   end subroutine prepare
 
    subroutine back(self, step, q0, p0, q1, p1, u, c, status)
       class(kick_drift_step), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: i, lane
 
-      if (self%part(2) > 0 .or. self%waits) then
-         call add_weights(self, self%part(2), step%w)
+      if (self%now >= self%low .and. self%ahead > 0 .and. (self%waits .or. .not. self%part(1) > 0)) then
+         call kick_ahead(self, self%nlane*(self%now - self%low), u, c)
+      else if (self%part(2) > 0 .or. self%waits) then
+         call load_weights(self, self%part(2), step%w)
          self%t = step%t + step%h
          call kick(self, q1, u, c)
-         self%w = 0
       end if
+      self%now = self%now - 1
       if (self%by_h) then
          do i = 1, self%ndof
             do lane = 1, self%nlane
-               c(lane, i) = c(lane, i) + step%w(lane, 0)*u(lane, i)
+               c(lane, i) = c(lane, i) + step%h*u(lane, i)
             end do
          end do
       else
          call drift(self, step, q0, p0, u, c)
       end if
       self%waits = self%part(1) > 0
-      if (.not. self%waits) return
       self%t = step%t
-      call add_weights(self, self%part(1), step%w)
+      self%last_w => step%w
    end subroutine back
 
    !> Do the kick that begins the last step taken backward.
    subroutine settle(self, q0, p0, u, c)
       class(kick_drift_step), intent(inout) :: self
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
 
-      if (self%waits) call kick(self, q0, u, c)
+      if (.not. self%waits) return
+      call load_weights(self, 0.0_wp, self%last_w)
+      call kick(self, q0, u, c)
       self%waits = .false.
-      self%w = 0
    end subroutine settle
 
    subroutine forth(self, step, q0, p0, q1, p1, m, vq, vp, status)
@@ -148,7 +209,7 @@ contains
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       integer, intent(in) :: m
-      real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+      real(wp), intent(inout) :: vq(self%nlane, self%nrow, m), vp(self%nlane, self%ndof, m)
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: i, j
 
@@ -156,7 +217,7 @@ contains
       if (self%by_h) then
          do j = 1, m
             do i = 1, self%ndof
-               vq(:, i, j) = vq(:, i, j) + step%w(:, 0)*vp(:, i, j)
+               vq(:, i, j) = vq(:, i, j) + step%h*vp(:, i, j)
             end do
          end do
       else
@@ -203,7 +264,8 @@ contains
       self%p(:, :self%ndof) = self%p(:, :self%ndof) - self%part(1)*self%uq(:, :self%ndof)
    end subroutine load_between
 
-   subroutine add_weights(self, part, w)
+   !> The weights of a kick: a part of those of the step that it ends, and the waiting part of the step that it begins.
+   subroutine load_weights(self, part, w)
       type(kick_drift_step), intent(inout) :: self
       real(wp), intent(in) :: part
       real(wp), intent(in) :: w(self%nlane, 0:self%ham%nnoise)
@@ -211,16 +273,37 @@ contains
 
       do k = 0, self%ham%nnoise
          do lane = 1, self%nlane
-            self%w(lane, k) = self%w(lane, k) + part*w(lane, k)
+            self%w(lane, k) = part*w(lane, k)
+         end do
+         if (.not. self%waits) cycle
+         do lane = 1, self%nlane
+            self%w(lane, k) = self%w(lane, k) + self%part(1)*self%last_w(lane, k)
          end do
       end do
-   end subroutine add_weights
+   end subroutine load_weights
+
+   !> u <- u - Hhat_qq c with the Hessian computed ahead, behind `from` other rows.
+   subroutine kick_ahead(self, from, u, c)
+      type(kick_drift_step), intent(in) :: self
+      integer, intent(in) :: from
+      real(wp), intent(inout) :: u(self%nlane, self%nrow)
+      real(wp), intent(in) :: c(self%nlane, self%ndof)
+      integer :: i, j, lane
+
+      do i = 1, self%nwide
+         do j = 1, self%ndof
+            do lane = 1, self%nlane
+               u(lane, i) = u(lane, i) - self%hqq(from + lane, i, j)*c(lane, j)
+            end do
+         end do
+      end do
+   end subroutine kick_ahead
 
    !> u <- u - Hhat_qq c with the weights of the kick, at q.
    subroutine kick(self, q, u, c)
       type(kick_drift_step), intent(inout) :: self
       real(wp), intent(in) :: q(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide)
+      real(wp), intent(inout) :: u(self%nlane, self%nrow)
       real(wp), intent(in) :: c(self%nlane, self%ndof)
       integer :: i, lane
 
@@ -245,7 +328,7 @@ contains
       type(kick_drift_step), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
-      real(wp), intent(in) :: u(self%nlane, self%nwide)
+      real(wp), intent(in) :: u(self%nlane, self%nrow)
       real(wp), intent(inout) :: c(self%nlane, self%ndof)
 
       call load_between(self, step, q0, p0)

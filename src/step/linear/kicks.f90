@@ -98,7 +98,7 @@ contains
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: i, last
 
@@ -120,7 +120,7 @@ contains
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       integer, intent(in) :: m
-      real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+      real(wp), intent(inout) :: vq(self%nlane, self%nrow, m), vp(self%nlane, self%ndof, m)
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: i, j
 

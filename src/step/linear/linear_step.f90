@@ -9,7 +9,7 @@
 !> Parameters are positions that do not move. The wide model has the positions (q, theta), the momenta (p, pi) and the
 !> same Hamiltonians H_j(q, p; theta), which do not depend on pi: theta stays, and (q, p) move as before. So the
 !> covector of theta is dJ/dtheta, and one product of the wide model's Hessian gives the derivatives by states and by
-!> parameters together. Rows ndof + 1 .. of u belong to the parameters.
+!> parameters together. Rows ndof + 1 .. of u belong to the parameters, rows behind nwide to the rates of damping.
 !>
 !> `back` gets the states; steps backward would lose digits like exp(lambda t).
 module symsde_step_linear_linear_step
@@ -23,11 +23,14 @@ module symsde_step_linear_linear_step
    type, abstract :: linear_step
       integer :: nlane = 0, ndof = 0       !! lanes, a multiple of 8; degrees of freedom of the path
       integer :: nwide = 0                 !! degrees of freedom of the wide model: ndof and the parameters
+      integer :: nrow = 0                  !! rows of u: nwide, and ndof more for the rates of damping, if wanted
+      logical :: by_position = .false.     !! momenta of the path are not read
       type(one_step_hamiltonian) :: ham    !! Hamiltonian of the wide model
       real(wp), allocatable :: q(:, :), p(:, :)   !! a state of the wide model (nlane, nwide)
    contains
       procedure(back_interface), deferred :: back
       procedure(forth_interface), deferred :: forth
+      procedure :: prepare => nothing_ahead
       procedure :: settle => nothing_left
       procedure :: set_parameters
       procedure :: load
@@ -43,7 +46,7 @@ module symsde_step_linear_linear_step
          type(step_record), intent(in) :: step
          real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
          real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
-         real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+         real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
          integer(i8), intent(inout) :: status(self%nlane)
       end subroutine back_interface
 
@@ -55,28 +58,41 @@ module symsde_step_linear_linear_step
          real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
          real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
          integer, intent(in) :: m
-         real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+         real(wp), intent(inout) :: vq(self%nlane, self%nrow, m), vp(self%nlane, self%ndof, m)
          integer(i8), intent(inout) :: status(self%nlane)
       end subroutine forth_interface
    end interface
 
 contains
 
+   !> Compute ahead what the steps that end at the states ready .. k need, which are taken back next; this default
+   !> computes nothing.
+   subroutine nothing_ahead(self, k, nstep, t, h, w, q, ready)
+      class(linear_step), intent(inout) :: self
+      integer, intent(in) :: k, nstep                                !! state, of 0 .. nstep
+      real(wp), intent(in) :: t, h                                   !! time of state k, and the step
+      real(wp), intent(in) :: w(self%nlane, 0:self%ham%nnoise, 0:nstep - 1)
+      real(wp), intent(in) :: q(self%nlane, self%ndof, 0:nstep)
+      integer, intent(out) :: ready
+
+      ready = 0
+   end subroutine nothing_ahead
+
    !> Complete the last step taken backward, which began at (q0, p0). This default has nothing left.
    subroutine nothing_left(self, q0, p0, u, c)
       class(linear_step), intent(inout) :: self
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
    end subroutine nothing_left
 
    !> Allocate the state of the wide model, and set its parameters, for all later steps.
    subroutine set_parameters(self, theta)
       class(linear_step), intent(inout) :: self
-      real(wp), intent(in) :: theta(:, :)   !! (nlane, nwide - ndof)
+      real(wp), intent(in) :: theta(:, :)   !! (nlane, nrow - ndof); values of rates are not read
 
       if (.not. allocated(self%q)) &
          allocate (self%q(self%nlane, self%nwide), self%p(self%nlane, self%nwide), source=0.0_wp)
-      self%q(:, self%ndof + 1:) = theta
+      self%q(:, self%ndof + 1:) = theta(:, :self%nwide - self%ndof)
    end subroutine set_parameters
 
    !> Load a state of the path.
@@ -87,7 +103,7 @@ contains
 
       do i = 1, self%ndof
          self%q(:, i) = q(:, i)
-         self%p(:, i) = p(:, i)
+         if (.not. self%by_position) self%p(:, i) = p(:, i)
       end do
    end subroutine load
 

@@ -49,9 +49,11 @@ module symsde_step_linear_tableau
       real(wp), allocatable :: w(:, :, :)    !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable :: slope(:, :, :, :)  !! F and G (nlane, 2 ndof, nstage, npart)
       real(wp), allocatable, dimension(:, :, :, :, :) :: hqq, hqp, hpp   !! (nlane, nwide, nwide, nstage, npart)
+      real(wp), allocatable :: hpq(:, :, :, :, :)   !! Hhat_qp - Fhat_p^T (nlane, ndof, ndof, nstage, npart)
       real(wp), allocatable :: matrix(:, :, :), x(:, :)   !! system: (nlane, m, m), (nlane, m), m = 2 ndof nstage
       real(wp), allocatable :: transposed(:, :, :)   !! the matrix for tangent vectors (nlane, m, m)
       real(wp), allocatable, dimension(:, :) :: dq, dp, mq, mp   !! (nlane, ndof)
+      real(wp), allocatable :: by_rate(:, :, :)  !! of P_i and p', by their decays (nlane, nstage + 1, ndof)
    contains
       procedure :: back
       procedure :: forth
@@ -98,6 +100,7 @@ contains
       allocate (self%slope(nlane, 2*n, s, np))
       associate (k => self%nwide)
          allocate (self%hqq(nlane, k, k, s, np), self%hqp(nlane, k, k, s, np), self%hpp(nlane, k, k, s, np))
+         allocate (self%hpq(nlane, n, n, s, np))
       end associate
       allocate (self%matrix(nlane, m, m), self%x(nlane, m))
       allocate (self%dq(nlane, n), self%dp(nlane, n), self%mq(nlane, n), self%mp(nlane, n))
@@ -108,12 +111,13 @@ contains
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
-      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
       logical :: active(self%nlane)
       integer :: j, k, l, part
 
       call linearise(self, step, q0, p0, q1, p1, status)
+      if (self%nrow > self%nwide) call find_changes(self, step%h, p0)
       call set_up(self)
       call load_covectors(self, u, c)
       active = status == 0
@@ -125,11 +129,12 @@ contains
             do l = 1, self%ndof
                do k = self%ndof + 1, self%nwide
                   u(:, k) = u(:, k) + self%hqp(:, k, l, j, part)*self%mq(:, l) - &
-                            self%hqq(:, k, l, j, part)*self%mp(:, l)
+                            self%hqq(:, l, k, j, part)*self%mp(:, l)
                end do
             end do
          end do
       end do
+      if (self%nrow > self%nwide) call add_rates(self, u, c)
       associate (n => self%ndof)
          do l = 1, n
             c(:, l) = (1 + self%decays%loss(l))*c(:, l)
@@ -141,6 +146,54 @@ contains
       end associate
    end subroutine back
 
+   !> Derivatives of the momenta of stages, and of the step's last, by the rates in their decays, with F and G as they
+   !> are.
+   subroutine find_changes(self, h, p0)
+      type(tableau_step), intent(inout) :: self
+      real(wp), intent(in) :: h
+      real(wp), intent(in) :: p0(self%nlane, self%ndof)
+      real(wp) :: a
+      integer :: i, j, k, part
+
+      if (.not. allocated(self%by_rate)) allocate (self%by_rate(self%nlane, self%nstage + 1, self%ndof))
+      associate (x => self%by_rate, e => self%decays, c => self%c, s => self%nstage)
+         do k = 1, self%ndof
+            x(:, s + 1, k) = -h*(1 + e%loss(k))*p0(:, k)
+            do i = 1, s
+               x(:, i, k) = -c(i)*h*e%begin(i, k)*p0(:, k)
+            end do
+            do part = 1, self%npart
+               do j = 1, s
+                  do i = 1, s + 1
+                     if (i <= s) then
+                        a = -(c(i) - c(j))*h*e%between(i, j, k)*self%abar(i, j, part)
+                     else
+                        a = -(1 - c(j))*h*e%finish(j, k)*self%alpha(j, part)
+                     end if
+                     x(:, i, k) = x(:, i, k) + a*self%slope(:, self%ndof + k, j, part)
+                  end do
+               end do
+            end do
+         end do
+      end associate
+   end subroutine find_changes
+
+   !> The covectors of the rates, from c behind the step and those of the stages' momenta.
+   subroutine add_rates(self, u, c)
+      type(tableau_step), intent(inout) :: self
+      real(wp), intent(inout) :: u(self%nlane, self%nrow)
+      real(wp), intent(in) :: c(self%nlane, self%ndof)
+      integer :: j, k, row
+
+      do k = 1, self%ndof
+         row = self%nwide + k
+         u(:, row) = u(:, row) + c(:, k)*self%by_rate(:, self%nstage + 1, k)
+         do j = 1, self%nstage
+            u(:, row) = u(:, row) + self%x(:, 2*self%ndof*(j - 1) + self%ndof + k)*self%by_rate(:, j, k)
+         end do
+      end do
+   end subroutine add_rates
+
    !> Hessians at all stages, of every part.
    subroutine linearise(self, step, q0, p0, q1, p1, status)
       type(tableau_step), intent(inout) :: self
@@ -148,7 +201,7 @@ contains
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
-      integer :: j, part
+      integer :: j, k, l, part
 
       call self%decays%set_step(step%h)
       self%w(:, :, 1) = step%w
@@ -160,9 +213,16 @@ contains
       do j = 1, self%nstage
          call load_stage(self, j, q0, p0)
          do part = 1, self%npart
-            call self%ham%bare_gradient_hessian(self%nlane, step%t + self%c(j)*step%h, self%w(:, :, part), self%q, &
-                                                self%p, hqq=self%hqq(:, :, :, j, part), &
-                                                hqp=self%hqp(:, :, :, j, part), hpp=self%hpp(:, :, :, j, part))
+            ! of forces Fhat_q is subtracted from Hhat_qq, whose first index is then that of the force
+            call self%ham%gradient_hessian(step%t + self%c(j)*step%h, self%w(:, :, part), self%q, self%p, &
+                                           hqq=self%hqq(:, :, :, j, part), hqp=self%hqp(:, :, :, j, part), &
+                                           hpp=self%hpp(:, :, :, j, part))
+            do k = 1, self%ndof
+               do l = 1, self%ndof
+                  self%hpq(:, l, k, j, part) = self%hqp(:, l, k, j, part)
+                  if (self%ham%forced) self%hpq(:, l, k, j, part) = self%hpq(:, l, k, j, part) - self%ham%drag(:, l, k)
+               end do
+            end do
          end do
       end do
    end subroutine linearise
@@ -173,12 +233,13 @@ contains
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       integer, intent(in) :: m
-      real(wp), intent(inout) :: vq(self%nlane, self%nwide, m), vp(self%nlane, self%ndof, m)
+      real(wp), intent(inout) :: vq(self%nlane, self%nrow, m), vp(self%nlane, self%ndof, m)
       integer(i8), intent(inout) :: status(self%nlane)
       logical :: active(self%nlane)
       integer :: j, column, part, at
 
       call linearise(self, step, q0, p0, q1, p1, status)
+      if (self%nrow > self%nwide) call find_changes(self, step%h, p0)
       call set_up(self)
       if (.not. allocated(self%transposed)) allocate (self%transposed, mold=self%matrix)
       do j = 1, size(self%matrix, 2)
@@ -191,6 +252,8 @@ contains
             call self%solver%solve(self%transposed, self%x, active, status)
             do j = 1, n
                vp(:, j, column) = (1 + decays%loss(j))*vp(:, j, column)
+               if (self%nrow > self%nwide) vp(:, j, column) = vp(:, j, column) + vq(:, self%nwide + j, column)* &
+                                                              self%by_rate(:, self%nstage + 1, j)
             end do
             ! Slopes of all stages; the sums of stages contain dq from before the step.
             do part = 1, self%npart
@@ -218,7 +281,7 @@ contains
    !> Right-hand sides of X_i, Y_i: dq and e_i dp, with the parameters' part of the slopes.
    subroutine load_tangents(self, vq, vp)
       type(tableau_step), intent(inout) :: self
-      real(wp), intent(in) :: vq(self%nlane, self%nwide), vp(self%nlane, self%ndof)
+      real(wp), intent(in) :: vq(self%nlane, self%nrow), vp(self%nlane, self%ndof)
       integer :: i, j, k, l, part, at
 
       associate (n => self%ndof)
@@ -227,6 +290,8 @@ contains
             do k = 1, n
                self%x(:, at + k) = vq(:, k)
                self%x(:, at + n + k) = self%decays%begin(i, k)*vp(:, k)
+               if (self%nrow > self%nwide) self%x(:, at + n + k) = self%x(:, at + n + k) + &
+                                                                   vq(:, self%nwide + k)*self%by_rate(:, i, k)
                do part = 1, self%npart
                   do j = 1, self%nstage
                      do l = n + 1, self%nwide
@@ -245,7 +310,7 @@ contains
    subroutine slope_tangents(self, j, part, vq)
       type(tableau_step), intent(inout) :: self
       integer, intent(in) :: j, part
-      real(wp), intent(in) :: vq(self%nlane, self%nwide)
+      real(wp), intent(in) :: vq(self%nlane, self%nrow)
       integer :: k, l, at
 
       associate (n => self%ndof)
@@ -257,7 +322,7 @@ contains
                self%mq(:, k) = self%mq(:, k) + self%hqp(:, l, k, j, part)*self%x(:, at + l) + &
                                self%hpp(:, k, l, j, part)*self%x(:, at + n + l)
                self%mp(:, k) = self%mp(:, k) - self%hqq(:, k, l, j, part)*self%x(:, at + l) - &
-                               self%hqp(:, k, l, j, part)*self%x(:, at + n + l)
+                               self%hpq(:, k, l, j, part)*self%x(:, at + n + l)
             end do
             do l = n + 1, self%nwide
                self%mq(:, k) = self%mq(:, k) + self%hqp(:, l, k, j, part)*vq(:, l)
@@ -337,8 +402,8 @@ contains
                   am = self%a(i, j, part)
                   an = self%abar(i, j, part)*self%decays%between(i, j, l)
                   do k = 1, n
-                     associate (qq => self%hqq(:, k, l, j, part), qp => self%hqp(:, k, l, j, part), &
-                                pq => self%hqp(:, l, k, j, part), pp => self%hpp(:, k, l, j, part), &
+                     associate (qq => self%hqq(:, l, k, j, part), qp => self%hqp(:, k, l, j, part), &
+                                pq => self%hpq(:, l, k, j, part), pp => self%hpp(:, k, l, j, part), &
                                 a => self%matrix)
                         a(:, row + k, column + l) = a(:, row + k, column + l) - am*qp
                         a(:, row + k, column + n + l) = a(:, row + k, column + n + l) + an*qq
@@ -355,7 +420,7 @@ contains
    !> Right-hand sides of x_j, y_j.
    subroutine load_covectors(self, u, c)
       type(tableau_step), intent(inout) :: self
-      real(wp), intent(in) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(in) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
       real(wp) :: am, an
       integer :: j, k, l, n, part, row
 
@@ -368,8 +433,8 @@ contains
             do l = 1, n
                an = am*self%decays%finish(j, l)
                do k = 1, n
-                  associate (qq => self%hqq(:, k, l, j, part), qp => self%hqp(:, k, l, j, part), &
-                             pq => self%hqp(:, l, k, j, part), pp => self%hpp(:, k, l, j, part))
+                  associate (qq => self%hqq(:, l, k, j, part), qp => self%hqp(:, k, l, j, part), &
+                             pq => self%hpq(:, l, k, j, part), pp => self%hpp(:, k, l, j, part))
                      self%x(:, row + k) = self%x(:, row + k) + am*qp*u(:, l) - an*qq*c(:, l)
                      self%x(:, row + n + k) = self%x(:, row + n + k) + am*pp*u(:, l) - an*pq*c(:, l)
                   end associate
@@ -383,7 +448,7 @@ contains
    subroutine slope_covectors(self, j, part, u, c)
       type(tableau_step), intent(inout) :: self
       integer, intent(in) :: j, part
-      real(wp), intent(in) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      real(wp), intent(in) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
       integer :: i, l, at
 
       associate (n => self%ndof)
