@@ -86,7 +86,9 @@ module symsde
    use symsde_diagnose_commutator, only: commutator_type, commutator
    use symsde_diagnose_boundary_value, only: stationary_path
    use symsde_diagnose_exact, only: exact_solution
+   use symsde_diagnose_gradients, only: gradients_type, tangents_type, path_gradients, path_tangents
    use symsde_diagnose_invariants, only: invariant_drift, quadratic_invariant
+   use symsde_diagnose_sweep_path_function, only: path_function
    use symsde_diagnose_symplecticity, only: symplecticity_defect, tangent_map
    implicit none
    public

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Gradients of E f(path): equal to differences of runs with the same noise, with the same bits in any pieces."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 import symsde as ss
@@ -250,26 +248,96 @@ def test_refused_schemes(scheme, why):
         ss.gradient(model, "q", **RUN, scheme=scheme)
 
 
-def test_parameters_of_the_damping():
-    """Parameters with which rates of damping change are refused, others have their derivatives."""
+def rubbed(damping="g*(1 + k)", force=None, **values):
+    """A pendulum with rates of damping that depend on parameters."""
+    params = {"k": 1.3, "g": 0.4, "s": 0.5} | values
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*sin(q)"], params=params, damping=damping, force=force)
 
-    def make(damping="g*k", force=None, **values):
-        params = {"k": 1.3, "g": 0.4, "s": 0.5} | values
-        return ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*q"], params=params, damping=damping, force=force)
+
+def rubbed_pair(**values):
+    """Two degrees of freedom with a rate each, and a Hamiltonian that is not separable."""
+    params = {"a": 0.3, "s": 0.2, "g": 0.3} | values
+    h = "p1**2/2 + p2**2/2 + q1**2/2 + q2**2 + a*q1*p2 + q1**2*q2"
+    return ss.model_from_sympy(h, ["s*q1*p1", "0.3*q2"], params=params, damping=["g", "2*g + a"])
+
+
+def require_tangent(model, names, **run):
+    """Tangent maps have the derivatives of gradients."""
+    maps, found = ss.tangent(model, names, **RUN | run), ss.gradient(model, "q_1**2", names, **RUN | run)
+    for name in names:
+        np.testing.assert_allclose(2 * maps.q[0] * maps.by[name][0], found.by_path[name], rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES[3:], "stormer_verlet", "P2N2Q2Lob", "lobatto2_swapped"])
+def test_rates_of_damping(scheme):
+    """Derivatives by parameters that rates of damping depend on."""
+    require_gradient(rubbed, "q**2 + p", ["k", "g", "s"], scheme=scheme)
+    require_gradient(rubbed_pair, "q_1*p_2", ["a", "g"], scheme=scheme, steps=10)
+    for model in (rubbed(), rubbed_pair()):
+        require_tangent(model, ["g"], scheme=scheme, steps=10)
+
+
+def test_friction_that_becomes_damping():
+    """A force -g p is damping, but for g = 0; a rate of zero has the derivative of rates nearby."""
+    made = {"damping": None, "force": ["-g*p"]}
+    for scheme in ("midpoint", "stormer_verlet"):
+        require_gradient(lambda **x: rubbed(**made, **x), "q**2", ["g", "k"], scheme=scheme)
+        at, near = (ss.gradient(rubbed(g=g), "q**2", ["g"], **RUN, scheme=scheme).by_path["g"] for g in (0.0, 1e-8))
+        np.testing.assert_allclose(at, near, rtol=1e-6)
+        with pytest.raises(IncompatibleError, match=r"traits at g = 0 \(friction\) that it loses"):
+            ss.gradient(rubbed(**made, g=0.0), "q**2", ["g"], **RUN, scheme=scheme)
+
+
+def test_friction_of_baths():
+    """The friction of a bath belongs to its noises and masses: derivatives by their parameters are refused."""
 
     def heavy(**values):
         params = {"k": 1.3, "m": 1.5, "s": 0.5} | values
-        return ss.model_from_sympy("p**2/(2*m) - k*cos(q)", ["s*q"], params=params)
+        return ss.thermostat(ss.model_from_sympy("p**2/(2*m) - k*cos(q)", ["s*q"], params=params), beta=1.0)
 
-    rubbed = lambda **x: make(None, ["-g*p"], **x)  # noqa: E731
-    bath = ss.thermostat(heavy(), beta=1.0)
-    refused = [(make(), "g"), (make(), "k"), (make(g=0.0), "g"), (rubbed(), "g"), (bath, "s"), (bath, "m")]
-    for model, name in refused:
-        for call in (partial(ss.gradient, model, "q", [name], **RUN), partial(ss.tangent, model, [name], **RUN)):
-            with pytest.raises(IncompatibleError, match=f"changes with {name}, and derivatives by rates"):
-                call()
-    for taken, name in ((make, "s"), (rubbed, "k"), (lambda **x: ss.thermostat(heavy(**x), beta=1.0), "k")):
-        require_gradient(taken, "q**2", [name], scheme="midpoint")
+    for name in ("s", "m"):
+        for call in (ss.tangent, lambda model, names, **run: ss.gradient(model, "q", names, **run)):
+            with pytest.raises(IncompatibleError, match=f"bath of model formula changes with {name}, and derivatives"):
+                call(heavy(), [name], **RUN)
+    require_gradient(heavy, "q**2", ["k"], scheme="midpoint")
+
+
+def drag(**values):
+    """A pendulum with a force of drag, and noise forces."""
+    params = {"k": 1.3, "s": 0.4, "g": 0.5} | values
+    forces = {"force": "-g*p**3 + 0.2*q*k", "noise_force": ["0", "g*cos(q) + 0.1*p"]}
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*sin(q)", "0"], params=params, **forces)
+
+
+def whirl(**values):
+    """Two degrees of freedom whose forces are no gradients."""
+    params = {"k": 0.3, "s": 0.4, "g": 0.5} | values
+    h = "p1**2/2 + p2**2/2 + k*q1**2*q2 + q1**4/4 + q2**4/4"
+    return ss.model_from_sympy(h, ["s*q1*q2"], params=params, force=["g*q2 - g*p1*p2", "-0.4*q1*p1"], damping=0.2)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2", "lobatto3", "P2N2Q2Lob"])
+def test_forces(scheme):
+    """Forces and noise forces, by formulas and by parameters in them."""
+    require_gradient(drag, "q**2 + p", ["k", "s", "g"], scheme=scheme, steps=10)
+    require_gradient(whirl, "q_1*p_2", ["k", "s", "g"], scheme=scheme, steps=10)
+    for model in (drag(), whirl()):
+        require_tangent(model, ["g", "k"], scheme=scheme, steps=10)
+
+
+def test_forces_that_are_functions():
+    """Forces given as functions have derivatives by the state if they give theirs."""
+    slopes = {"force_derivative": lambda q, p, t: (0 * q[np.newaxis], -3 * p[np.newaxis] ** 2)}
+    forced = pendulum().forced(force=lambda q, p, t: -(p**3), **slopes)
+    formulas = ss.model_from_sympy("p**2/2 - 1.3*cos(q)", ["0.4*sin(q)", "-0.3*q"], force="-p**3")
+    mine, theirs = (ss.gradient(x, "q*p", **RUN, scheme="midpoint") for x in (forced, formulas))
+    for name in ("q0", "p0"):
+        np.testing.assert_allclose(mine.by_path[name], theirs.by_path[name], rtol=1e-9)
+    with pytest.raises(IncompatibleError, match="are functions, and derivatives by parameters need formulas"):
+        ss.gradient(forced, "q", ["k"], **RUN)
+    pushed = ss.model_from_sympy("p**2/2 - 1.3*cos(q)", ["0.4*sin(q)"], force="-0.2*q")
+    with pytest.raises(IncompatibleError, match="forces act between the drifts"):
+        ss.gradient(pushed, "q", **RUN, scheme="gauss_dkdkd")
 
 
 def test_refused_inputs():
@@ -301,7 +369,7 @@ def test_refused_inputs():
         with pytest.raises(IncompatibleError, match=words):
             ss.gradient(pendulum().damped(damping), "q", **RUN, scheme="midpoint")
     forced = pendulum().forced(force=lambda q, p, t: -p)
-    with pytest.raises(IncompatibleError, match="forces of model .* have no derivatives"):
+    with pytest.raises(IncompatibleError, match=r"forces of model .* have no derivatives"):
         ss.gradient(forced, "q", **RUN, scheme="midpoint")
 
 

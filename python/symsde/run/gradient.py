@@ -14,7 +14,7 @@ from ..errors import IncompatibleError, InvalidArgumentError, PathsFailedWarning
 from ..model.definition import Model, require_model
 from ..model.formulas.formula_observables import is_formula
 from ..model.formulas.path_formula import PathFormula
-from ..model.formulas.wide import parameter_names, wide_model
+from ..model.formulas.wide import Positions, parameter_names, wide_model
 from ..native import abi, callbacks, checks, handles
 from ..native.checks import address
 from ..native.progress import Monitor, Progress
@@ -127,12 +127,13 @@ class _Found:
         self.status, self.failed_step = np.empty(paths, np.int32), np.empty(paths, np.int64)
         self.report: abi.Report | None = None
 
-    def fill(self, part: slice, wide: Model, positions: list[str], function: Callable, monitor: Monitor) -> None:
+    def fill(self, part: slice, wide: Model, positions: Positions, function: Callable, monitor: Monitor) -> None:
         """Run some of the paths."""
         whole, paths = self.setup, part.stop - part.start
         setup = whole if paths == whole.paths else part_of(whole, part)
-        theta = values_of(whole.model, positions, part)
+        theta, ndof = values_of(whole.model, positions, part), whole.model.ndof
         out = [np.empty((*x.shape[:-1], paths), x.dtype) for x in self._arrays()]
+        out[1] = np.empty((ndof + len(theta), paths))
         report = handles.new(abi.Report, "report")
         failures = callbacks.Failures()
         callback = _callback(function, failures, len(positions))
@@ -144,8 +145,7 @@ class _Found:
                     wide_handle.pointer,
                     *setup.handles(),
                     ctypes.byref(setup.input(monitor)),
-                    len(positions),
-                    theta.shape[1] if positions else 1,
+                    *theta.shape,
                     address(theta) if positions else None,
                     callback,
                     None,
@@ -157,6 +157,7 @@ class _Found:
                 wide._handles.give(wide_handle)
         finally:
             failures.raise_stored()
+        out[1] = np.concatenate((out[1][:ndof], positions.gathered(out[1][ndof:])))
         for mine, theirs in zip(self._arrays(), out, strict=True):
             mine[..., part] = theirs
         report.failed += self.report.failed if self.report else 0
@@ -199,12 +200,14 @@ class _Found:
         )
 
 
-def values_of(model: Model, positions: list[str], part: slice) -> np.ndarray:
-    """Values of parameters for some paths, or one for all: (parameter, 1 or path)."""
+def values_of(model: Model, positions: Positions, part: slice) -> np.ndarray:
+    """Values of parameters for some paths, or one for all: (parameter, 1 or path). Of rates behind them nothing is
+    read.
+    """
     values = [np.atleast_1d(model.parameters[name]) for name in positions]
     rows = part.stop - part.start if any(x.size > 1 for x in values) else 1
-    theta = np.empty((len(values), rows))
-    for row, x in zip(theta, values, strict=True):
+    theta = np.zeros((positions.rows, rows))
+    for row, x in zip(theta, values, strict=False):
         row[:] = x if x.size == 1 else x[part]
     return theta
 

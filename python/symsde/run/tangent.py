@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import IncompatibleError, InvalidArgumentError, PathsFailedWarning
 from ..model.definition import Model, require_model
-from ..model.formulas.wide import wide_model
+from ..model.formulas.wide import Positions, wide_model
 from ..native import abi, checks, handles
 from ..native.checks import address
 from ..native.progress import Monitor, Progress
@@ -195,12 +195,13 @@ class _Found:
 
 
 def take_vectors(
-    setup: Setup, wide: tuple[Model, list[str]], start: np.ndarray, *, turn: int = 0, progress: Progress
+    setup: Setup, wide: tuple[Model, Positions], start: np.ndarray, *, turn: int = 0, progress: Progress
 ) -> _Found:
     """Take these vectors, (vector, 2 dof) of all paths or (vector, 2 dof, path), through all paths."""
     wide, positions = wide
     n, paths, many = setup.model.ndof, setup.paths, len(start)
     checks.room((2 * many + 1, 2 * n, paths), "tangent vectors of each path")
+    behind = positions.rows - len(positions)  # vectors of rates of damping
     v = np.empty((many, 2 * n, paths))
     logs, q, p = np.empty((many, paths)), np.empty((n, paths)), np.empty((n, paths))
     status, failed_step = np.empty(paths, np.int32), np.empty(paths, np.int64)
@@ -210,8 +211,10 @@ def take_vectors(
             size = part.stop - part.start
             here = setup if size == paths else part_of(setup, part)
             theta = values_of(setup.model, positions, part)
-            own = np.repeat(start[:, :, np.newaxis], size, axis=2) if start.ndim == 2 else start[..., part].copy()
+            own = np.zeros((many + behind, 2 * n, size))
+            own[:many] = start[:, :, np.newaxis] if start.ndim == 2 else start[..., part]
             out = [np.empty((*x.shape[:-1], size), x.dtype) for x in (logs, q, p, status, failed_step)]
+            out[0] = np.empty((many + behind, size))
             report, handle = handles.new(abi.Report, "report"), wide._handles.take()
             try:
                 setup.model.call(
@@ -219,10 +222,9 @@ def take_vectors(
                     handle.pointer,
                     *here.handles(),
                     ctypes.byref(here.input(monitor)),
-                    len(positions),
-                    theta.shape[1],
+                    *theta.shape,
                     address(theta) if positions else None,
-                    many,
+                    many + behind,
                     turn,
                     *map(address, (own, *out)),
                     ctypes.byref(report),
@@ -230,7 +232,9 @@ def take_vectors(
                 )
             finally:
                 wide._handles.give(handle)
-            for mine, theirs in zip((v, logs, q, p, status, failed_step), (own, *out), strict=True):
+            own[many - len(positions) : many] = positions.gathered(own[many - len(positions) :])
+            out[0] = out[0][:many]
+            for mine, theirs in zip((v, logs, q, p, status, failed_step), (own[:many], *out), strict=True):
                 mine[..., part] = theirs
             failed += report.failed
     report.failed = failed

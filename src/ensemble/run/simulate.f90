@@ -22,7 +22,7 @@ module symsde_ensemble_run_simulate
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: paths_type, moments_type, simulate, moments, collect_moments, new_paths, fill_times
+   public :: paths_type, moments_type, simulate, moments, collect_moments, new_paths, fill_times, begin_at
 
    !> Saved paths. Values of a path after its failure are NaN; last_q and last_p hold its last good state.
    type :: paths_type

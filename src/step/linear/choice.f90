@@ -42,9 +42,9 @@ contains
          else if (is_silent(t, wide%traits)) then
             call refuse('a noise of model '//task%model%name//' is zero and not drawn, and a parameter changes it; '// &
                         'give the parameter a small value')
-         else if (t%forces%act() .and. scheme%form == splitting_form) then
+         else if (wide%traits%forces%act() .and. scheme%form == splitting_form) then
             call refuse('forces act between the drifts of scheme '//scheme%name)
-         else if (t%forces%act() .and. .not. (t%forces%has_derivative .and. wide%traits%forces%has_derivative)) then
+         else if (wide%traits%forces%act() .and. .not. wide%traits%forces%has_derivative) then
             call refuse('forces of model '//task%model%name//' have no derivatives: give force_derivative, or formulas')
          else if (nrate > 0 .and. scheme%form == splitting_form) then
             call refuse('scheme '//scheme%name//' has drifts that decay')

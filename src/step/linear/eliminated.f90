@@ -85,7 +85,8 @@ contains
 
       associate (t => task%model%traits)
          eliminated_fits = task%is_plain() .and. t%identity_mass .and. (t%position_noise .or. t%nnoise == 0) .and. &
-                           t%has_hessian .and. wide%traits%separable .and. .not. t%forces%act()
+                           t%has_hessian .and. wide%traits%separable .and. &
+                           .not. (t%forces%act() .or. wide%traits%forces%act())
       end associate
    end function eliminated_fits
 

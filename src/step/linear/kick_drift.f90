@@ -68,7 +68,7 @@ contains
       call find_parts(task%scheme, part)
       associate (t => task%model%traits)
          kick_drift_fits = sum(part) > 0 .and. t%separable .and. wide%traits%separable .and. &
-                           .not. t%forces%act() .and. &
+                           .not. (t%forces%act() .or. wide%traits%forces%act()) .and. &
                            (t%autonomous .or. (t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)))
       end associate
    end function kick_drift_fits

@@ -65,9 +65,9 @@ def lane_functions() -> str:
     return Path(__file__).with_name("lane_functions.h").read_text(encoding="utf-8")
 
 
-def source(derivatives: Derivatives) -> str:
-    """The text of the whole C file."""
-    return _File(derivatives).text()
+def source(derivatives: Derivatives, *, hessians: bool = True) -> str:
+    """The text of the whole C file; without Hessians products with them are left."""
+    return _File(derivatives, hessians=hessians).text()
 
 
 def preamble(derivatives: Derivatives) -> str:
@@ -79,6 +79,8 @@ def preamble(derivatives: Derivatives) -> str:
 
 class Loops:
     """C functions that compute sets of outputs in loops over lanes."""
+
+    hessians = True
 
     def __init__(self, graph: Graph, outputs: dict[str, list[int]]):
         """Store the outputs by name, each a list of nodes of the graph."""
@@ -110,10 +112,9 @@ class Loops:
         parameters = self._arguments(family)[1]
         return f"SELDOM far{_function_name(family)}({parameters}) {{\n{loop.replace('   return beyond;', '')}}}\n"
 
-    @staticmethod
-    def _family(outputs: tuple[str, ...]) -> tuple[str, ...]:
+    def _family(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
         """The outputs that are computed together for far lanes."""
-        return tuple(BLOCKS) if outputs[0] in BLOCKS else outputs
+        return (tuple(BLOCKS) if self.hessians else ("hq", "hp")) if outputs[0] in BLOCKS else outputs
 
     @staticmethod
     def _arguments(outputs: tuple[str, ...], wanted: tuple[str, ...] | None = None) -> tuple[str, str]:
@@ -147,8 +148,9 @@ class Loops:
 class _File(Loops):
     """The text of one C file."""
 
-    def __init__(self, derivatives: Derivatives):
+    def __init__(self, derivatives: Derivatives, *, hessians: bool):
         super().__init__(derivatives.graph, derivatives.outputs)
+        self.hessians = hessians
         self.ndof = derivatives.problem.ndof
         self.head = preamble(derivatives)
         self._along(derivatives)
@@ -160,6 +162,8 @@ class _File(Loops):
         together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
         self.sets = [s for s in together if self._stores(s) <= MAX_STORES]
         self.sets += [(block,) for block in BLOCKS]
+        if not hessians:
+            self.sets = [("hq",), ("hp",)]
 
     def _stores(self, outputs: Iterable[str]) -> int:
         return sum(len(self.outputs[x]) for x in outputs)
@@ -192,17 +196,14 @@ class _File(Loops):
             made = Loops(self.graph, {"constants": self.constants})
             parts += [made.far(("constants",)), made.function(("constants",)), CONSTANTS]
         third = [("tq", "tp")] if self.third else []
-        parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, tuple(BLOCKS))]
+        parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, self._family(("hq",)))]
         for outputs in (("value",), ("uq", "up"), *third, *self.sets):
             parts.append(self.function(outputs))
         parts += [callback("value", ("value",))]
         parts += [callback("hessian_vector", ("uq", "up"))]
         parts += [callback("third_derivative", x) for x in third]
-        for name, blocks in (
-            ("gradient", ("hq", "hp")),
-            ("hessian", ("hqq", "hqp", "hpp")),
-            ("gradient_hessian", tuple(BLOCKS)),
-        ):
+        kinds = {"gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp"), "gradient_hessian": tuple(BLOCKS)}
+        for name, blocks in kinds.items() if self.hessians else (("gradient", ("hq", "hp")),):
             parts.append(callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
         return "\n".join(parts)
 

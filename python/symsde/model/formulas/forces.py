@@ -33,13 +33,13 @@ FUNCTIONS = {
 }
 
 
-def rows_of(force: Any, noise_force: Any) -> list[list[Any]]:
+def rows_of(force: Any, noise_force: Any, most: int = MAX_DOF) -> list[list[Any]]:
     """F, f_1 .. f_m as lists of formulas; a single formula is that of one degree of freedom."""
-    noises = [_row("noise_force", x) for x in _row("noise_force", noise_force, MAX_NOISES)]
-    return [_row("force", force), *noises]
+    noises = [_row("noise_force", x, most) for x in _row("noise_force", noise_force, MAX_NOISES)]
+    return [_row("force", force, most), *noises]
 
 
-def _row(name: str, given: Any, most: int = MAX_DOF) -> list[Any]:
+def _row(name: str, given: Any, most: int) -> list[Any]:
     """A list of formulas; refuses a long one before it is gone through."""
     count = 1 if isinstance(given, str) else getattr(given, "shape", None) or (len(given) if _is_list(given) else 1)
     count = count[0] if isinstance(count, tuple) else count
@@ -171,16 +171,17 @@ def proofs(prover: Prover, forces: list[list[Any]]) -> dict[str, Any]:
     return {**found, "force_bandwidth": max(reaches, default=0)}
 
 
-def friction(prover: Prover, force: list[Any]) -> tuple[float, ...] | None:
-    """The rates gamma_i, if F is proved to be -gamma_i p_i with constants; None otherwise."""
-    rates, at = [], dict.fromkeys((*prover.q, *prover.p, prover.t), 0)
+def friction(prover: Prover, force: list[Any]) -> tuple[tuple[float, ...], tuple[Any, ...]] | None:
+    """The rates gamma_i and their formulas, if F is proved to be -gamma_i p_i with constants; None otherwise."""
+    rates, formulas, at = [], [], dict.fromkeys((*prover.q, *prover.p, prover.t), 0)
     for p, given in zip(prover.p, force, strict=True):
         component = prover.sympy.sympify(given)
         rate = -component.diff(p).subs(at)
         if not rate.is_finite or not prover.vanishes(component + rate * p):
             return None
         rates.append(float(rate.subs(prover.values)))
-    return tuple(rates) if any(rates) and np.isfinite(rates).all() else None
+        formulas.append(rate)
+    return (tuple(rates), tuple(formulas)) if any(rates) and np.isfinite(rates).all() else None
 
 
 @dataclass(frozen=True)
@@ -190,6 +191,8 @@ class Found:
     formulas: ForceFormulas | None = None  #: with their derivatives; None: none acts
     proved: dict[str, Any] = field(default_factory=dict)  #: arguments of `Model.forced`
     friction: tuple[float, ...] | None = None  #: rates of F = -gamma_i p_i, which is left out of the formulas
+    rates: tuple[Any, ...] = ()  #: formulas of these rates
+    rows: list[list[Any]] = field(default_factory=list)  #: F, f_1 .. f_m without this friction
 
     @property
     def acts(self) -> bool:
@@ -201,7 +204,8 @@ def derive(problem: Problem, prover: Prover, forces: list[list[Any]], *, rates: 
     """Derive and prove what there is of F, f_1 .. f_m; rates: whether linear friction may become rates of damping."""
     found = friction(prover, forces[0]) if rates else None
     acting = [[0] * problem.ndof, *forces[1:]] if found else forces
-    return Found(ForceFormulas(problem, acting), proofs(prover, acting), found)
+    known = found or (None, ())
+    return Found(ForceFormulas(problem, acting), proofs(prover, acting), *known, acting)
 
 
 def in_python(found: Found, parameters: Mapping[str, float]) -> dict[str, Any]:

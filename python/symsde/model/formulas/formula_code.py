@@ -18,7 +18,7 @@ from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks,
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
-from .named_formulas import make_problem, quoted
+from .named_formulas import MAX_DOF, make_problem, quoted
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
 
@@ -82,7 +82,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
         if formulas:
             chosen["invariants"] += formulas.formulas
-        problem = make_problem(**chosen)
+        problem = make_problem(**chosen, most=given.get("most", MAX_DOF))
         problem, decaying = _rates.split(problem, formulas) if formulas else (problem, [])
         problem, acting = _forces.split(problem, rows)
         if given.get("bath"):
@@ -103,7 +103,8 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         part = prover.part
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem, prover.vanishing())
-        source = emit_c.source(derivatives) + _forces.source(pulls) + _rates.source(rates)
+        source = emit_c.source(derivatives, hessians=given.get("hessians", True))
+        source += _forces.source(pulls) + _rates.source(rates)
         if given.get("steps", True):
             source += emit_flow.source(derivatives)
     else:

@@ -27,7 +27,7 @@ from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
 from .formula_code import Code, Formula
-from .named_formulas import named, quoted, several, unused
+from .named_formulas import MAX_DOF, named, quoted, several, unused
 from .parse import folded
 from .sites import Chain
 
@@ -292,7 +292,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
     given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
     given |= {key: named(key, given[key]) for key in "qp" if given[key] is not None}
-    rows = _forces.rows_of(given["force"], given["noise_force"])  # copies
+    rows = _forces.rows_of(given["force"], given["noise_force"], given.get("most", MAX_DOF))  # copies
     given |= {"force": rows[0] or None, "noise_force": rows[1:] or None}
     code = formula_code.derived(given, {})
     if not code.pulls.acts:

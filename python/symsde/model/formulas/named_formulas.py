@@ -79,7 +79,7 @@ def written(formula: Any) -> str:
         raise InvalidArgumentError(f"a formula of type {kind} cannot be written as text: {error}") from None
 
 
-def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
+def make_problem(*, H, noise, q, p, params, t, invariants=(), most=MAX_DOF) -> Problem:
     """Check all arguments; errors quote the formula."""
     sympy = optional("sympy", "sympy")
     given = [H, *several("noise", noise)]
@@ -97,9 +97,9 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         raise InvalidArgumentError(
             f"q names {ndof} coordinates and p {len(coordinates['p'])} momenta: give as many of each, one at least"
         )
-    if ndof > MAX_DOF:
+    if ndof > most:
         raise InvalidArgumentError(
-            f"q names {ndof} coordinates: formulas without sums over sites are for {MAX_DOF} at most"
+            f"q names {ndof} coordinates: formulas without sums over sites are for {most} at most"
         )
     names = Names(sympy, coordinates, params, t, ndof)
     expressions = [names.canonical(x) for x in (*given, *candidates)]

@@ -81,6 +81,7 @@ class Found:
     of: str  #: "q", "t" or "qt"; "" if rates are numbers
     formulas: RateFormulas | None  #: None if rates are numbers
     numbers: Callable[[Mapping[str, float]], list[float]]  #: values of parameters -> rates that are numbers
+    rows: tuple[Any, ...] = ()  #: formulas of rates that are numbers, in the symbols of the Hamiltonians
 
     def at(self, values: Mapping[str, float], compiled: Any) -> Rates | list[float]:
         """The rates for these values of the parameters; compiled: the library with their function, or None."""
@@ -132,7 +133,7 @@ def derive(problem: Problem, prover: Prover, given: Asked, rates: list[Any]) -> 
             )
     of = ("q" if held & set(prover.q) else "") + ("t" if prover.t in held else "")
     if not of:
-        return Found(given, texts, of, None, _numbers(prover, rates))
+        return Found(given, texts, of, None, _numbers(prover, rates), tuple(rates))
     return Found(given, texts, of, RateFormulas(problem, rates), _numbers(prover, []))
 
 

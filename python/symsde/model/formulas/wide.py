@@ -14,13 +14,33 @@ from ...native import checks
 from ..built_in import FORMULAS
 from ..definition import Model
 from .formula_model import FormulaModel, _made, model_from_sympy
-from .named_formulas import MAX_DOF, Problem
+from .named_formulas import Problem
+
+MAX_POSITIONS = 256  #: of a wide model
+#: positions of a wide model up to which its whole Hessian is compiled; of more, products alone
+MOST_WITH_HESSIANS = 16
 
 
-def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
-    """A model of the same Hamiltonians whose further positions are these parameters and all parameters that go by path,
-    and the names of these positions. Only Hessians of the wide model are asked for, and momenta of parameters stay
-    zero.
+class Positions(list):
+    """Names of the parameters that are positions of a wide model."""
+
+    slopes: np.ndarray | None = None  #: (position, dof), derivatives of the rates of damping; None if no rate changes
+
+    @property
+    def rows(self) -> int:
+        """Number of parameters that the library is given: behind these positions are rates that change."""
+        return len(self) + (0 if self.slopes is None else self.slopes.shape[1])
+
+    def gathered(self, rows: np.ndarray) -> np.ndarray:
+        """Derivatives by positions, (position, ..), from those by positions and by rates, (rows, ..)."""
+        n = len(self)
+        return rows[:n] if self.slopes is None else rows[:n] + np.tensordot(self.slopes, rows[n:], 1)
+
+
+def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, Positions]:
+    """A model of the same Hamiltonians and forces whose further positions are these parameters and all parameters that
+    go by path, and the names of these positions. Only Hessians and derivatives of forces of the wide model are asked
+    for, and momenta of parameters stay zero.
     """
     structure = model.formula.structure if isinstance(model, FormulaModel) else None
     if structure is not None and structure.kinked:
@@ -31,26 +51,52 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
     by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
     wanted = [*names, *(name for name in by_path if name not in names)]
     if not wanted:
-        return model, []
-    code = _formulas(model)._code
+        return model, Positions()
+    code = (known := _formulas(model))._code
     if code.derivatives is None:
         raise IncompatibleError(
             f"{', '.join(wanted)} of model {model.name}: derivatives by parameters of sums over sites are not known; "
             "take those by q0 and p0, or write the formulas out"
         )
     problem = code.derivatives.problem
-    if problem.ndof + len(wanted) > MAX_DOF:
+    if problem.ndof + len(wanted) > MAX_POSITIONS:
         raise IncompatibleError(
-            f"{problem.ndof} degrees of freedom and {len(wanted)} parameters are more than {MAX_DOF} together: ask for "
-            "fewer parameters at a time"
+            f"{problem.ndof} degrees of freedom and {len(wanted)} parameters are more than {MAX_POSITIONS} together: "
+            "ask for fewer parameters at a time"
         )
     others = {f"c{k}": model.parameters[x] for k, x in enumerate(problem.parameters) if x not in wanted}
     _require_generic(model, names)
-    _require_own_rates(model, names, problem)
-    key = tuple(wanted)
+    if model._fluctuating:
+        _require_own_rates(model, names, problem)
+    if model._forces and not code.pulls.formulas:
+        raise IncompatibleError(
+            f"forces of model {model.name} are functions, and derivatives by parameters need formulas: give force= to "
+            "model_from_sympy, or ask for those by q0 and p0"
+        )
+    forced = code.pulls.formulas is not None
+    key = (*wanted, *(others.items() if forced else ()))  # a model with forces is derived again for other values
     if key not in code.wide:
-        code.wide[key] = _derived(problem, wanted, others, model.name)
-    return code.wide[key].with_parameters(**others), wanted
+        code.wide[key] = _derived(problem, code.pulls.rows, wanted, others, model.name)
+    wide = code.wide[key] if forced or not others else code.wide[key].with_parameters(**others)
+    positions = Positions(wanted)
+    positions.slopes = _slopes(known, wanted, names)
+    return wide, positions
+
+
+def _slopes(model: FormulaModel, wanted: list[str], names: Sequence[str]) -> np.ndarray | None:
+    """Derivatives of the rates of damping by parameters, (position, dof); None if all vanish."""
+    code, n = model._code, model.ndof
+    parts = [code.pulls.rates, code.rates.rows if model._by_formula and code.rates else ()]
+    places = {name: k for k, name in enumerate(model.parameters)}
+    found = np.zeros((len(wanted), n))
+    for rates in filter(None, parts):
+        symbols = {x.name: x for rate in rates for x in getattr(rate, "free_symbols", ())}
+        values = {x: model.parameters[name] for name, k in places.items() if (x := symbols.get(f"c{k}")) is not None}
+        for row, name in zip(found, wanted, strict=True):
+            symbol = symbols.get(f"c{places[name]}")
+            if name in names and symbol is not None:
+                row += [float(rate.diff(symbol).subs(values)) for rate in rates]
+    return found if found.any() else None
 
 
 def _require_generic(model: Model, names: Sequence[str]) -> None:
@@ -60,9 +106,14 @@ def _require_generic(model: Model, names: Sequence[str]) -> None:
     special = [name for name in names if np.ndim(model.parameters[name]) == 0 and model.parameters[name] in (0, 1, -1)]
     if not special:
         return
-    beside = model.with_parameters(**{name: model.parameters[name] + 0.1357 for name in special}).traits
-    for trait in ("separable", "additive", "position_noise", "silent"):
-        if getattr(beside, trait) != getattr(model.traits, trait):
+    other = model.with_parameters(**{name: model.parameters[name] + 0.1357 for name in special})
+    beside, own = (
+        {key: getattr(x.traits, key) for key in ("separable", "additive", "position_noise", "silent")}
+        | {"friction": bool(getattr(x, "_friction", ()))}
+        for x in (other, model)
+    )
+    for trait, value in beside.items():
+        if value != own[trait]:
             told = ", ".join(f"{name} = {model.parameters[name]:g}" for name in special)
             raise IncompatibleError(
                 f"model {model.name} has traits at {told} ({trait}) that it loses beside it, and steps are chosen by "
@@ -71,32 +122,34 @@ def _require_generic(model: Model, names: Sequence[str]) -> None:
 
 
 def _require_own_rates(model: Model, names: Sequence[str], problem: Problem) -> None:
-    """Refuse parameters with which the damping changes: derivatives by rates of damping are not known."""
+    """Refuse parameters that change the friction of a bath, which belongs to the noises and the masses."""
+    H, *noise = problem.hamiltonians
+    momenta = problem.coordinates("p")
+    held = [*noise, *(H.diff(x) for x in H.free_symbols if x.name in momenta)]
+    symbols = {x.name for h in held for x in h.free_symbols}
     for name in names:
-        if model._fluctuating:  # the friction of a bath belongs to the noises and the masses
-            H, *noise = problem.hamiltonians
-            momenta = problem.coordinates("p")
-            held = [*noise, *(H.diff(x) for x in H.free_symbols if x.name in momenta)]
-            symbol = f"c{[*problem.parameters].index(name)}"
-            changes = any(x.name == symbol for h in held for x in h.free_symbols)
-        else:
-            beside = model.with_parameters(**{name: np.add(model.parameters[name], 0.1357)})
-            changes = beside.damping != model.damping
-        if changes:
+        if f"c{[*problem.parameters].index(name)}" in symbols:
             raise IncompatibleError(
-                f"the damping of model {model.name} changes with {name}, and derivatives by rates of damping are not "
-                "known: ask for other parameters, or damp by numbers"
+                f"the friction of the bath of model {model.name} changes with {name}, and derivatives by it are not "
+                "known: ask for other parameters, or give the friction as a force"
             )
 
 
-def _derived(problem: Problem, wanted: list[str], others: dict[str, float], name: str) -> FormulaModel:
+def _derived(
+    problem: Problem, forces: list[list[Any]], wanted: list[str], others: dict[str, float], name: str
+) -> FormulaModel:
     """The wide model: coordinates x0, x1, .. and y0, y1, .., other parameters keep their internal names."""
     places = {name: problem.ndof + k for k, name in enumerate(wanted)}
     new = {f"{letter}{i}": f"{other}{i}" for letter, other in ("qx", "py") for i in range(problem.ndof)}
     new |= {f"c{k}": f"x{places[x]}" for k, x in enumerate(problem.parameters) if x in places}
-    symbols = {x.name: x for h in problem.hamiltonians for x in h.free_symbols}
+    zeros = [0] * len(wanted)
+    forces = [[*row, *zeros] for row in forces]
+    given = [x for x in (*problem.hamiltonians, *(f for row in forces for f in row)) if hasattr(x, "xreplace")]
+    symbols = {x.name: x for h in given for x in h.free_symbols}
     renamed = {x: type(x)(new[c], real=True) for c, x in symbols.items() if c in new}
     H, *noise = (h.xreplace(renamed) for h in problem.hamiltonians)
+    rows = [[f.xreplace(renamed) if hasattr(f, "xreplace") else f for f in row] for row in forces]
+    force, *noise_force = rows or [[]]
     count = problem.ndof + len(wanted)
     return _made(
         {
@@ -110,10 +163,12 @@ def _derived(problem: Problem, wanted: list[str], others: dict[str, float], name
             "n": None,
             "ends": "free",
             "damping": None,
-            "force": None,
-            "noise_force": None,
+            "force": force or None,
+            "noise_force": noise_force or None,
             "name": name,
+            "most": MAX_POSITIONS,
             "steps": False,
+            "hessians": count <= MOST_WITH_HESSIANS,
         }
     )
 
