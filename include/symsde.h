@@ -236,6 +236,11 @@ int symsde_model_delete(symsde_model *model);
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);
+/* Declare of a model all traits that its gradient does not refute at three points around q0[ndof], p0[ndof]: separable,
+ * quadratic, the mass, additive and position_noise, and bands of up to 3. A probe refutes a trait and proves none. Runs
+ * probe again around their initial state. No run may be using the model */
+int symsde_model_set_probed_traits(symsde_model model, double t, const double *q0, const double *p0,
+                                   symsde_error *error);
 /* evaluate at npath points; shapes as in the callbacks, with npath for nlane */
 int symsde_model_value(symsde_model model, int64_t npath, double t, const double *w, const double *q, const double *p,
                        double *value, symsde_error *error);

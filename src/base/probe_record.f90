@@ -33,6 +33,7 @@ module symsde_base_probe_record
       type(common_record), pointer :: common => null()  !! null: no probes are remembered
    contains
       procedure :: keep
+      procedure :: is_kept
       procedure :: knows
       procedure :: enter
       procedure :: forget
@@ -50,6 +51,13 @@ contains
       ! The record is new, so copies made before do not share it.
       allocate (self%common)
    end subroutine keep
+
+   !> Whether passed probes are remembered: the functions are derived from formulas.
+   pure logical function is_kept(self)
+      class(probe_record), intent(in) :: self
+
+      is_kept = associated(self%common)
+   end function is_kept
 
    !> Forget all passed probes, since the model has changed; copies keep theirs.
    subroutine forget(self)

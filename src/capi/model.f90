@@ -12,7 +12,7 @@ module symsde_capi_model
    use symsde_base_traits, only: model_traits
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, take_struct, give_struct
-   use symsde_capi_probe, only: probe_at
+   use symsde_capi_probe, only: probe_at, take_traits_at
    use symsde_capi_traits, only: c_traits, from_traits, to_traits
    use symsde_capi_text, only: read_text, put_text, lines
    use symsde_model_abstract, only: model_type
@@ -26,6 +26,7 @@ module symsde_capi_model
    public :: model_handle, find_model, use_model, copy_model, begin_handle, new_handle
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
+   public :: symsde_model_set_probed_traits
 
    integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
 
@@ -262,6 +263,27 @@ contains
                          'a callback returned '//to_text(code)//' at the initial state')
       end if
    end function symsde_model_probe
+
+   !> Declare of a model all that its gradient does not refute at three points around a state.
+   function symsde_model_set_probed_traits(model, t, q0, p0, error) result(status) &
+      bind(c, name='symsde_model_set_probed_traits')
+      type(c_ptr), intent(in), value :: model, q0, p0, error
+      real(c_double), intent(in), value :: t
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      real(wp), pointer, contiguous :: q(:), p(:)
+
+      call find_model(model, known, refusal)
+      call require(q0, 'q0', refusal)
+      call require(p0, 'p0', refusal)
+      if (.not. allocated(refusal)) then
+         call view(q0, int(known%traits%ndof, i8), q)
+         call view(p0, int(known%traits%ndof, i8), p)
+         call take_traits_at(known, known%traits%ndof, t, q, p, refusal)
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_probed_traits
 
    !> Check the address where a new handle will be stored, and store NULL until the model exists.
    subroutine begin_handle(handle, what, error)

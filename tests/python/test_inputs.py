@@ -118,6 +118,7 @@ MADE = {
     "rotation": np.array([2.0]),
     "split": np.diag([0.5, 1.0]),
     "kicks": "positions",
+    "traits": "probed",
     "bandwidth": 0,
     "separable": True,
     "quadratic": True,

@@ -78,10 +78,14 @@ class Model(OpenSystem):
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0, and touches a
     list of numbers i = 1 .. ndof for each noise, as in [[1], [2], [2, 3]]. With it schemes form nothing over pairs of
     noises that touch different degrees of freedom; with a mass that is not one it needs diagonal_mass. Runs probe the
-    traits and refuse a false one by name (`FalseTraitError`). ``derived`` says that a program derived the functions
-    from formulas and that nothing they read ever changes. Then they are not probed before every run, but once for each
-    power of two that the size of state and time reaches (flows: also that of the step). Without a Hessian, it is
-    approximated by differences of gradients. An exception in a Python function stops the run and is raised again.
+    traits and refuse a false one by name (`FalseTraitError`). Where no trait is declared, runs say which ones hold at
+    the probed points and what they would save. ``traits="probed"`` declares these: separable, quadratic, the mass,
+    additive, position_noise and bands, as differences of gradients at three points around q = 1 .. 2, p = 0.5 .. 1.5 do
+    not refute them. A probe can refute a trait and proves none: H = p^2/2 + |q - 5| q is quadratic by it. ``derived``
+    says that a program derived the functions from formulas and that nothing they read ever changes. Then they are not
+    probed before every run, but once for each power of two that the size of state and time reaches (flows: also that of
+    the step). Without a Hessian, it is approximated by differences of gradients. An exception in a Python function
+    stops the run and is raised again.
 
     ``force`` and ``noise_force`` are forces that act beside the Hamiltonians, functions of (q, p, t). See `forced`,
     which does so for any model.
@@ -124,6 +128,7 @@ class Model(OpenSystem):
         rotation: Any = None,
         silent: Any = (),
         touches: Any = None,
+        traits: str | None = None,
         split: Any = None,
         kicks: str = KICKS[0],
         accepts_null: bool = False,
@@ -141,13 +146,13 @@ class Model(OpenSystem):
         name: str = "user",
     ):
         """Make the model; see the class for the arguments."""
-        traits = declared(
+        told = declared(
             ndof=ndof, nnoise=nnoise, bandwidth=bandwidth, max_frequency=max_frequency,
             noise_lipschitz=noise_lipschitz, rotation=rotation, silent=silent, touches=touches,
             separable=separable, additive=additive, position_noise=position_noise, quadratic=quadratic,
             identity_mass=identity_mass, constant_mass=constant_mass, diagonal_mass=diagonal_mass,
         )  # fmt: skip
-        parted = second_derivatives(split, traits.ndof)
+        parted = second_derivatives(split, told.ndof)
         kicks = kicks_of(kicks, parted)
         functions = {
             "gradient": gradient,
@@ -166,11 +171,11 @@ class Model(OpenSystem):
             any_lanes = callbacks.takes_any_lanes([*functions.values(), *flows.values()])
         any_lanes = checks.flag("any_lanes", any_lanes) and "Python" not in kinds
         derived = checks.flag("derived", derived)
-        given = {**functions, **arguments(traits), "split": parted, "kicks": kicks}
-        given |= {"derived": derived, "name": name}
+        given = {**functions, **arguments(told), "split": parted, "kicks": kicks}
+        given |= {"derived": derived, "name": name, "traits": traits}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
         accepts_null = checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
-        make = functools.partial(user_handles.of_user, checks.name_of("name", name), traits, functions, accepts_null)
+        make = functools.partial(user_handles.of_user, checks.name_of("name", name), told, functions, accepts_null)
         if flows or any_lanes:
             make = functools.partial(user_handles.with_flows, make, flows, any_lanes)
         if derived:
@@ -178,6 +183,9 @@ class Model(OpenSystem):
         if parted is not None:
             make = functools.partial(handle_with_split, make, parted, kicks)
             self._split, self._kicks = parted, kicks
+        if traits is not None:
+            checks.choice("traits", traits, ("probed",))
+            make = functools.partial(user_handles.with_probed_traits, make, told.ndof)
         self._adopt(make, name, {})
         forces = given_forces(
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,

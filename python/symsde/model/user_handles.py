@@ -7,6 +7,8 @@ import ctypes
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from ..errors import IncompatibleError, WrongTypeError
 from ..native import abi, callbacks, checks, handles
 
@@ -65,6 +67,21 @@ def derived(make: Callable[[], ModelHandle]) -> ModelHandle:
     """A handle of a user's model that remembers which probes it passed."""
     handle = make()
     handles.call("model_set_derived", handle.pointer)
+    return handle
+
+
+def with_probed_traits(make: Callable[[], ModelHandle], ndof: int) -> ModelHandle:
+    """A handle of a user's model that declares what its gradient does not refute at three points.
+
+    The state in their middle has different coordinates, since equal ones may lie on each other.
+    """
+    handle = make()
+    places = np.arange(ndof)
+    q, p = 1 + places * 0.6180339887498949 % 1, 0.5 + places * 0.41421356237309503 % 1
+    try:
+        handles.call("model_set_probed_traits", handle.pointer, 0.0, checks.address(q), checks.address(p))
+    finally:
+        handle.failures.raise_stored()
     return handle
 
 

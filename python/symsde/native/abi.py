@@ -334,6 +334,7 @@ FUNCTIONS = {
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),
     "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),
+    "model_set_probed_traits": (_handle, c_double, c_void_p, c_void_p, _error),
     "model_value": (*_points, c_void_p, _error),
     "model_gradient": (*_points, c_void_p, c_void_p, _error),
     "model_hessian": (*_points, c_void_p, c_void_p, c_void_p, _error),

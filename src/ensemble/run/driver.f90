@@ -31,6 +31,7 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_run_report, only: run_report, describe_left_out
    use symsde_ensemble_run_memory, only: fit_threads
    use symsde_ensemble_run_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
+   use symsde_ensemble_run_undeclared, only: warn_of_undeclared
    use symsde_ensemble_run_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_probe_friction, only: describe_friction
@@ -150,6 +151,8 @@ contains
       call set_up_warnings(model, merge(1, 8, has_any_lanes(model)), scheme, options, &
                            self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
                            self%report%lost_variance, self%report%warnings)
+      call warn_of_undeclared(self%report%warnings, model, self%factory%task, self%runners(1)%stepper%explicit, &
+                              options%t0, q0(1, :), p0(1, :))
       call observer%add_warnings(self%report%warnings)
       self%report%seconds_setup = seconds() - start
    end subroutine new_ensemble

@@ -8,6 +8,7 @@
 module symsde_model_probe_mass
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits
    use symsde_model_probe_points, only: probe_points, nlane, npoint, finding, worst, no_verdict
    implicit none
    private
@@ -23,8 +24,9 @@ contains
    !> identity_mass is compared with p itself. For constant_mass no matrix is known, but M^-1 p is a function of p
    !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. The first
    !> point is b, every other point is a.
-   subroutine compare_mass(points, tolerance, trait, bad, what, x)
+   subroutine compare_mass(points, traits, tolerance, trait, bad, what, x)
       type(probe_points), intent(in) :: points
+      type(model_traits), intent(in) :: traits        !! the declaration
       real(wp), intent(in) :: tolerance               !! part of the gradient that counts as rounding
       character(:), allocatable, intent(out) :: trait !! the judged trait
       type(finding), intent(out) :: bad
@@ -36,7 +38,7 @@ contains
       call points%gradient(hq, hp, scale)
       allocate (zero, source=points%zero)
       x = 0
-      if (points%model%traits%identity_mass) then
+      if (traits%identity_mass) then
          trait = 'identity_mass'
          hp = hp - points%p
          call worst(zero, hp, scale, tolerance, bad)
@@ -47,7 +49,7 @@ contains
          call subtract_sum(points, hp, scale)
          call worst(zero, hp, scale, tolerance, bad)
          what = 'dH_0/dp_'//to_text(bad%i)//' at the sum of two momenta (and a later time) minus its values at these'
-         if (bad%lane == 0 .and. points%model%traits%diagonal_mass) then
+         if (bad%lane == 0 .and. traits%diagonal_mass) then
             trait = 'diagonal_mass'
             call compare_ratios(points, velocity, hp, scale)
             call worst(zero, hp, scale, tolerance, bad)

@@ -25,7 +25,7 @@ module symsde_model_probe_traits
    use symsde_model_probe_supports, only: probe_supports
    implicit none
    private
-   public :: probe_model
+   public :: probe_model, find_traits
 
    character(*), parameter :: here = 'probe_model'
    real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the largest count as zero
@@ -65,7 +65,7 @@ contains
       end do
       if (model%traits%touches%are_given()) call probe_supports(points, vanishing, error)
       call points%take_all()
-      if (model%traits%bandwidth >= 0) call probe_bandwidth(points, error)
+      if (model%traits%bandwidth >= 0) call probe_bandwidth(points, model%traits%bandwidth, error)
       do k = 0, points%last_sum()
          call points%take_sum(k)
          call probe_derivatives(points, model%traits, k, error)
@@ -100,7 +100,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, error)
+      if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, traits, error)
       if (traits%kicks_of_actions) then
          call probe_turns(points, k, error)
       else if (k == 0 .and. allocated(traits%quadratic_part)) then
@@ -113,15 +113,81 @@ contains
       if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)  ! last: it changes the sum
    end subroutine probe_traits
 
+   !> The traits of a model, and those beside them that no gradient refutes at the points around a state: a probe can
+   !> refute a trait, and proves none. decided: whether the gradient is finite at all points; else nothing is added.
+   !> Traits with numbers are not looked for, but for a bandwidth of at most `widest` where it leaves most entries out.
+   subroutine find_traits(model, t, q0, p0, found, decided)
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t, q0(:), p0(:)  !! time, and state of one path (ndof)
+      type(model_traits), intent(out) :: found
+      logical, intent(out) :: decided
+      integer, parameter :: widest = 3
+      type(probe_points) :: points
+      type(model_traits) :: one
+      integer :: b
+
+      found = model%traits
+      call new_probe_points(points, model, t, q0, p0)
+      call points%take_all()
+      decided = all(points%slope(:npoint) >= 0 .and. points%slope(:npoint) <= huge(1.0_wp))
+      if (decided) then
+         one = model_traits(separable=.true.)
+         found%separable = found%separable .or. holds(one)
+         one = model_traits(quadratic=.true.)
+         found%quadratic = found%quadratic .or. holds(one)
+         one = model_traits(identity_mass=.true.)
+         found%identity_mass = found%identity_mass .or. (.not. found%has_constant_mass() .and. holds(one))
+         one = model_traits(constant_mass=.true.)
+         found%constant_mass = found%constant_mass .or. (.not. found%identity_mass .and. holds(one))
+         one%diagonal_mass = .true.
+         found%diagonal_mass = found%diagonal_mass .or. (found%constant_mass .and. holds(one))
+         one = model_traits(additive=.true.)
+         found%additive = found%additive .or. (points%nnoise > 0 .and. holds(one))
+         one = model_traits(position_noise=.true.)
+         found%position_noise = found%position_noise .or. (points%nnoise > 0 .and. holds(one))
+         call points%take_all()
+         do b = 0, widest
+            if (found%bandwidth >= 0 .or. 4*b >= points%ndof - 1) exit
+            if (has_bands(b)) found%bandwidth = b
+         end do
+      end if
+      call model%clear_failure()  ! a user's function may fail at a displaced point
+
+   contains
+
+      !> Whether no sum refutes a declaration.
+      logical function holds(declared)
+         type(model_traits), intent(in) :: declared
+         type(error_type), allocatable :: refuted
+         integer :: k
+
+         do k = 0, points%last_sum()
+            call points%take_sum(k)
+            call probe_traits(points, declared, k, refuted)
+         end do
+         holds = .not. allocated(refuted)
+      end function holds
+
+      logical function has_bands(width)
+         integer, intent(in) :: width
+         type(error_type), allocatable :: refuted
+
+         call probe_bandwidth(points, width, refuted)
+         has_bands = .not. allocated(refuted)
+      end function has_bands
+
+   end subroutine find_traits
+
    !> For identity_mass the probe tests H_p = p, for constant_mass H_p = M^-1 p with some constant M, or a diagonal one.
-   subroutine probe_mass(points, error)
+   subroutine probe_mass(points, traits, error)
       type(probe_points), intent(in) :: points
+      type(model_traits), intent(in) :: traits
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: trait, what
       type(finding) :: bad
       real(wp) :: x
 
-      call compare_mass(points, vanishing, trait, bad, what, x)
+      call compare_mass(points, traits, vanishing, trait, bad, what, x)
       if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
    end subroutine probe_mass
 
@@ -280,14 +346,14 @@ contains
    !> If a bandwidth b is declared, entries with |i-j| > b must vanish. Columns a stride apart are probed together: in
    !> rows farther than b from all of them the product must vanish. Three strides are tried, with at most 32 sets of
    !> columns each, so that the cost does not grow with the system.
-   subroutine probe_bandwidth(points, error)
+   subroutine probe_bandwidth(points, b, error)
       type(probe_points), intent(in) :: points
+      integer, intent(in) :: b
       type(error_type), allocatable, intent(inout) :: error
       integer, parameter :: most = 32
       integer, parameter :: factor(3) = [4, 5, 7]
-      integer :: b, stride, k, set, nset, first
+      integer :: stride, k, set, nset, first
 
-      b = points%model%traits%bandwidth
       if (b >= points%ndof - 1) return
       do k = 1, size(factor)
          stride = factor(k)*(b + 1) + k - 1  ! an entry missed by one stride is usually found by another
