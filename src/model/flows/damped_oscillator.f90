@@ -31,6 +31,7 @@ module symsde_model_flows_damped_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_damping, only: decay_less_one
    use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: lane_unit
    use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map, &
                                gauss2_map
    use symsde_base_record, only: steps_record

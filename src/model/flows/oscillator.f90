@@ -26,6 +26,7 @@
 module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: lane_unit
    use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, &
                                midpoint_map, gauss2_map, gauss4_map, lobatto3_map, lobatto4_swapped_map, &
                                gauss2_brackets_map
