@@ -85,6 +85,15 @@ def test_masses_and_bands():
     assert (traits.constant_mass, traits.diagonal_mass, traits.quadratic) == (True, False, True)
 
 
+def test_coordinates_of_the_probe_differ():
+    def attracted(t, w, q, p):
+        with np.errstate(divide="ignore"):
+            pull = w[0] / (q[0] - q[1]) ** 2
+        return np.array([pull, -pull]), w[0] * p
+
+    assert model(attracted, ndof=2, traits="probed").traits.identity_mass
+
+
 def test_nothing_holds_of_a_coupled_model():
     traits = model(coupled, nnoise=1, traits="probed").traits
     held = [x for x in ("separable", "additive", "position_noise", "quadratic") if getattr(traits, x)]
