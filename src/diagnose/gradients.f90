@@ -125,7 +125,6 @@ contains
       real(wp), intent(in), optional :: parameters(:)
 
       wider => model
-      allocate (theta(1, 0))
       if (allocated(error)) return
       call check_options(options, error)
       if (allocated(error)) return
@@ -136,7 +135,10 @@ contains
       end if
       if (present(wide)) then
          wider => wide
-         theta = reshape(parameters, [1, size(parameters)])
+         allocate (theta(1, size(parameters)))
+         theta(1, :) = parameters
+      else
+         allocate (theta(1, 0))
       end if
       call begin_at(from, model%traits%ndof, q0, p0)
    end subroutine begin
