@@ -17,7 +17,7 @@ module symsde_scheme_damped
    use symsde_base_text, only: to_text
    use symsde_scheme_decays, only: free_temperature
    use symsde_scheme_dependency, only: is_explicit
-   use symsde_scheme_kicks, only: flow_free
+   use symsde_scheme_kicks, only: flow_free, flow_rotation
    use symsde_scheme_orders, only: evidence_text
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, splitting_form, &
                                    frame_none, frame_shift, frame_rotation
@@ -118,13 +118,17 @@ contains
    end function keeps_damped_volume
 
    !> Mean of p^2 of a free particle in a bath of one rate, over the exact mean 1/beta: one if kicks have the exact law
-   !> of the noise, as kicks between free drifts, the shift by dZ and kicks of words have.
+   !> of the noise, as kicks between free drifts, kicks with dZ between rotations, the shift by dZ and words have.
    pure real(wp) function temperature_at_rest(scheme, z) result(ratio)
       type(scheme_type), intent(in) :: scheme   !! a scheme that runs with one rate of damping
       real(wp), intent(in) :: z                 !! gamma h > 0
 
       ratio = 1
-      if (scheme%frame == frame_shift .or. (scheme%form == splitting_form .and. scheme%kicks%flow == flow_free)) return
+      if (scheme%frame == frame_shift) return
+      if (scheme%form == splitting_form) then
+         if (scheme%kicks%flow == flow_free) return
+         if (scheme%kicks%flow == flow_rotation .and. scheme%kicks%uses_dz()) return
+      end if
       ratio = temperature_of_weights(scheme, z)
    end function temperature_at_rest
 
