@@ -23,6 +23,7 @@ sites                chains: sums over sites
 site_loops           C for one site of a density
 emit_sites           C for the callbacks of a chain
 emit_rows            C for the rows of a chain that couples neighbours only
+emit_chain_flow      C for whole steps of such a chain; the steps are in flow_chain.h
 collective           Hamiltonians that are functions of sums over sites
 emit_collective      C for these functions
 sums                 observables that are functions of sums over sites

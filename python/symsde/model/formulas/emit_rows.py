@@ -167,7 +167,7 @@ class _Term:
 def source(chain: Chain) -> str:
     """The C functions for rows."""
     closed = chain.ends != "free"  # with closed ends also densities that reach beyond the ends
-    terms, whole = _together(chain, chain.densities)
+    terms, whole = together(chain, chain.densities)
     parts = {
         "handed": _handed_from_above(whole, terms, closed),
         "last": "last" if closed else "(last == sites - 1 ? last - 1 : last)",
@@ -183,7 +183,7 @@ def source(chain: Chain) -> str:
     parts["side"] = _loop(whole, terms, OUTPUTS, own, weights=("w[{0}]", "w[{0} + tile + i]"))[1]
     parts["side"] += _stores(whole, HANDED, ("force[i + 1] = {force};", "diagonal[i + 1] = {diagonal};"))
     if not closed:
-        terms, single = _together(chain, [d for d in chain.densities if len(d.offsets) == 1])
+        terms, single = together(chain, [d for d in chain.densities if len(d.offsets) == 1])
         own = ("f[i] = force[i] + {force};", "k[i] = diagonal[i] + {diagonal};", "k[n + i] = 0;")
         before, inside = _loop(single, terms, {x: OUTPUTS[x] for x in ("force", "diagonal")}, own)
         parts["alone"] = ALONE.format(before=before, inside=inside)
@@ -211,7 +211,7 @@ def _is_plain(d: Density, ends: str) -> bool:
     return ends != "free" or (d.offsets[0] <= 0 <= d.offsets[-1])
 
 
-def _together(chain: Chain, densities: Any) -> tuple[list[_Term], Derivatives]:
+def together(chain: Chain, densities: Any) -> tuple[list[_Term], Derivatives]:
     """All densities of a row as one problem of two coordinates; at the ends missing coordinates are zero."""
     zero = optional("sympy", "sympy").Integer(0)
     sums: dict[_Term, Any] = {}

@@ -7,7 +7,7 @@ have their own weights g (`emit_collective.py`).
 
 from __future__ import annotations
 
-from . import emit_collective, emit_rows
+from . import emit_chain_flow, emit_collective, emit_rows
 from .emit_c import MACROS, lane_functions
 from .site_loops import GRADIENT, VECTORS, additions, one_or_many, over_sites, site_loop
 from .sites import Chain, row_macro
@@ -34,7 +34,7 @@ def source(chain: Chain) -> str:
     parts += [_output(chain, output) for output in every if output != "hq" or not by_rows]
     if chain.outer:
         return "\n".join([*parts, emit_collective.source(chain)])
-    parts += [emit_rows.source(chain)] if by_rows else []
+    parts += [emit_rows.source(chain), emit_chain_flow.source(chain)] if by_rows else []
     return "\n".join([*parts, *(_callback(kind, outputs) for kind, outputs in kinds.items())])
 
 

@@ -22,7 +22,7 @@ from ...native import callbacks, checks
 from ..definition import Model
 from ..rates import Rates, rates_of
 from ..user_handles import ModelHandle
-from . import compiler, emit_c, emit_flow, formula_code, in_numpy, matrices, parameters
+from . import compiler, emit_c, emit_chain_flow, emit_flow, formula_code, in_numpy, matrices, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
@@ -376,6 +376,9 @@ def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> Formula
     functions = {**formula_code.functions(code.compiled), "accepts_null": True, "any_lanes": True}
     flows = code.whole_steps
     found = {emit_flow.named(x): formula_code.address(code.compiled, f"formula_flow_{x}") for x in flows}
+    for scheme in emit_chain_flow.flows(code.chain) if code.chain else []:
+        names = [emit_flow.named(scheme, damped=x) for x in (False, True) if not x or scheme in emit_chain_flow.DAMPED]
+        found |= dict.fromkeys(names, formula_code.address(code.compiled, f"formula_flow_{scheme}"))
     functions["flows"] = found | {**more}
     pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
     code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Generated whole steps of chains: equal to the general stepper to ulps, with the same bits in any blocks."""
+
+import numpy as np
+import pytest
+import symsde as ss
+
+pytest.importorskip("sympy")
+
+from symsde.model.formulas import compiler, emit_chain_flow
+
+if compiler.command() is None:
+    pytest.skip("no C compiler", allow_module_level=True)
+
+FREE = "Sum(p[i]**2/2, i)"
+CHAINS = {  # potential, noises, ends, sites
+    "phi4": ("Sum(q[i]**2/2 + q[i]**4/4 + a*(q[i+1]-q[i])**2/2, i)", ["b*q[k]**2"], "periodic", 7),
+    "springs": ("Sum((q[i+1]-q[i])**2/2 + a*(q[i+1]-q[i])**4/4, i)", ["-b*q[k]"], "fixed", 9),
+    "open": ("Sum(q[i]**4/4, i) + Sum(a*(q[i+1]-q[i])**4/4, i)", ["b*q[k]**3", "Sum(b*q[i], i)"], "free", 9),
+    "angles": ("Sum(1 - cos(q[i]) + a*(q[i+1]-q[i])**2/2, i)", ["b*cos(q[k])", "b*sin(q[k])"], "fixed", 9),
+}
+SCHEMES = (*emit_chain_flow.TABLEAUX, *emit_chain_flow.KICKS)
+RUN = {"p0": 0.3, "step": 0.05, "steps": 9, "seed": 3, "correction": "none"}
+
+
+def chain(name: str) -> ss.Model:
+    potential, noise, ends, n = CHAINS[name]
+    return ss.model_from_sympy(f"{FREE} + {potential}", noise, params={"a": 0.7, "b": 0.3}, n=n, ends=ends)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.8])
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("name", CHAINS)
+def test_steps_are_those_of_the_general_stepper(name, scheme, rate):
+    """Nine steps of 21 paths agree to rounding; a path alone, narrow blocks and other saves have the same bits."""
+    model = chain(name).damped(rate)
+    run = {**RUN, "scheme": scheme, "q0": np.linspace(0.1, 0.5, model.ndof)}
+    whole, plain = (ss.simulate(model, **run, paths=21, general=g) for g in (False, True))
+    by_model = not rate or scheme in emit_chain_flow.DAMPED
+    assert whole.report.stepper.startswith(f"whole steps of {scheme}") == by_model
+    for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
+        np.testing.assert_allclose(x, y, rtol=0, atol=30 * np.spacing(np.abs(y).max()))
+    alone = ss.simulate(model, **run, paths=1, first_path=20)
+    np.testing.assert_array_equal(alone.p[:, :, 0], whole.p[:, :, 20])
+    other = ss.simulate(model, **run, paths=21, save_every=9, lanes=8, threads=2)
+    np.testing.assert_array_equal(other.q[-1], whole.q[-1])
+
+
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "chin4a"])
+def test_long_chains_are_the_built_in_ones(scheme):
+    """A path alone computes its rows side by side, 256 at a time; states agree with those of the catalogue's chain."""
+    potential, noise, ends, _ = CHAINS["springs"]
+    model = ss.model_from_sympy(f"{FREE} + {potential}", noise, params={"a": 0.7, "b": 0.3}, n=300, ends=ends)
+    run = {**RUN, "scheme": scheme, "q0": np.linspace(0.1, 0.5, 300) ** 2}
+    alone, block = (ss.simulate(model, **run, paths=n) for n in (1, 9))
+    np.testing.assert_array_equal(alone.p[:, :, 0], block.p[:, :, 0])
+    known = ss.simulate(ss.models.fpu_chain(n=300, beta=0.7, sigma=0.3), **run, paths=9)
+    np.testing.assert_allclose(block.p, known.p, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("paths", [1, 9])
+def test_far_arguments_take_exact_functions(paths):
+    """Angles beyond the range of the inlined sine are computed again, and change no other lane."""
+    model = chain("angles")
+    q0 = np.full((model.ndof, paths), 0.3)
+    q0[4, -1] = 3e5
+    run = {**RUN, "scheme": "gauss_dkdkd", "paths": paths}
+    whole, plain = (ss.simulate(model, q0=q0, **run, general=g) for g in (False, True))
+    np.testing.assert_allclose(whole.p, plain.p, rtol=1e-9, atol=1e-12)
+    near = ss.simulate(model, q0=0.3, **run)
+    np.testing.assert_array_equal(whole.p[:, :, : paths - 1], near.p[:, :, : paths - 1])
+
+
+@pytest.mark.parametrize(
+    ("noise", "n", "schemes"),
+    [(["Sum(b*q[i]**2, i)"], 9, (*emit_chain_flow.TABLEAUX, "gauss_dkdkd")), (["b*q[k]"], 513, ()), ([], 9, ())],
+)
+def test_other_chains_go_other_ways(noise, n, schemes):
+    """Noises that meet have products that single rows do not know; longer chains leave the cache."""
+    params = {"a": 0.7, "b": 0.3} if noise else {"a": 0.7}
+    model = ss.model_from_sympy(f"{FREE} + {CHAINS['phi4'][0]}", noise or None, params=params, n=n)
+    assert tuple(emit_chain_flow.flows(model._chain)) == tuple(schemes)
+    run = ss.simulate(model, **RUN, q0=0.3, scheme="chin4a")
+    assert not run.report.stepper.startswith("whole steps")
