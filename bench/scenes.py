@@ -126,6 +126,20 @@ def chain_force(beta: float, sigma: float) -> Callable:
     return force
 
 
+def ring_force(sigma: float) -> Callable:
+    """A ring of phi^4, with the noise sigma q^2 at each site."""
+
+    def force(w, t, q, f):
+        n = len(q)
+        before = q[0] - q[n - 1]
+        for i in range(n):
+            after = (q[0] if i == n - 1 else q[i + 1]) - q[i]
+            f[i] = w[0] * (after - before - q[i] * (1 + q[i] * q[i])) - 2 * sigma * q[i] * w[i + 1]
+            before = after
+
+    return force
+
+
 def rotators_force(strength: float, N: float) -> Callable:
     """Rotators in the field of their mean, with two sums over sites."""
 
@@ -141,6 +155,7 @@ def rotators_force(strength: float, N: float) -> Callable:
 
 
 SPRINGS = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4, i)"
+RING = "Sum(p[i]**2/2, i) + Sum(q[i]**2/2 + q[i]**4/4 + (q[i+1]-q[i])**2/2, i)"
 ROTATORS = "Sum(p[i]**2/2, i) + Sum(q[i]**2/2, i) - (Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2)/(2*N)"
 DRIVEN = "p**2/2 - omega**2*(1 + epsilon*cos(nu*t))*cos(q)"
 HENON_HEILES = "(p1**2 + p2**2 + q1**2 + q2**2)/2 + alpha*(q1**2*q2 - q2**3/3)"
@@ -165,6 +180,7 @@ SCENES = {
     "fpu_chain": Scene(  # noise so weak that the chain hardly heats in a long run
         "fpu_chain", SPRINGS, ("-sigma*q[k]",), {"sigma": 1e-3}, 0.05, sites=64, ends="fixed", by_sites=chain_force
     ),
+    "phi4_ring": Scene("", RING, ("sigma*q[k]**2",), {"sigma": 0.1}, sites=64, ends="periodic", by_sites=ring_force),
     "mean_field": Scene(
         "", ROTATORS, ("-strength*Sum(q[i], i)",), {"strength": 0.03, "N": 16}, sites=16, by_sites=rotators_force
     ),

@@ -86,6 +86,8 @@ def rows() -> Iterator[Row]:
     for group, paths, target in (("formula_loop", 1000, 1.0), ("formula1", 1, 1.2)):
         make = partial(beside_loop, "mean_field16 midpoint", paths, formula=True)
         yield Row(group, "mean_field16 midpoint", paths, target, make)
+    for name in ("phi4_ring64 stormer_verlet", "fpu64 stormer_verlet"):
+        yield Row("formula_loop", name, 1000, 0.556, partial(beside_loop, name, 1000, formula=True))
     yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
     for kind, target in (("heun", 1 / 15), ("splitting", 1 / 40)):
         words_of = {"heun": "Heun's method", "splitting": "a splitting that keeps the norm"}[kind]

@@ -22,8 +22,11 @@ ROWS = {
         *(SCENES["fpu_chain"].of(sigma=0.1), "midpoint", "limit_fpu_chain"),
         *(("beta", "sigma"), 200, 0.95),
     ),
+    "phi4_64_verlet": (SCENES["phi4_ring"], "stormer_verlet", "limit_phi4_verlet", ("sigma",), 400, 0.77),
+    "phi4_64_gauss": (SCENES["phi4_ring"], "gauss_dkdkd", "limit_phi4_gauss", ("sigma",), 400, 0.77),
 }
-PATHS, STEP, LANES = 2048, 0.02, 32
+PATHS, STEP = 2048, 0.02
+LANES = {"limit_phi4_verlet": 8, "limit_phi4_gauss": 8}  #: paths of a block of states that a program returns, else 32
 
 
 def measure(setting: Setting) -> list[dict]:
@@ -32,7 +35,8 @@ def measure(setting: Setting) -> list[dict]:
     for name, (scene, scheme, function, parameters, usual, target) in ROWS.items():
         n, steps = scene.ndof, max(8, usual // (40 if setting.quick else 8) * 8)
         q0, given = wave(n), np.array([scene.values[x] for x in parameters])
-        ends = np.empty((2, PATHS // LANES, n, LANES))  # programs return states block by block
+        lanes = LANES.get(function, 32)
+        ends = np.empty((2, PATHS // lanes, n, lanes))  # programs return states block by block
         whole = (
             ctypes.c_int64(PATHS),
             ctypes.c_int64(steps),
@@ -41,7 +45,7 @@ def measure(setting: Setting) -> list[dict]:
             ctypes.c_double(STEP),
         )
         arrays = (ctypes.c_void_p(x.ctypes.data) for x in (given, q0, *ends))
-        ours = partial(library(scene.model(), scheme, PATHS, STEP, q0=q0, seed=1), steps)
+        ours = partial(library(scene.model() if scene.name else scene.formula(), scheme, PATHS, STEP, q0=q0, seed=1), steps)
         limit = partial(getattr(programs, function), *whole, *arrays)
         limit()
         apart = np.abs(ours().q[-1] - ends[0].transpose(1, 0, 2).reshape(n, PATHS)).max()
