@@ -45,7 +45,7 @@ USE = {
     "averaged_shift_midpoint": "additive noise on q and p, or stiff: strong order 3/2, with dZ",
     "drift_preserving": "the exact growth of E H under additive noise; not symplectic",
     "exact_rotation": "a stiff linear part whose frequencies are declared, noise in position: explicit at any h omega",
-    "gauss_dkdkd": "H = p.M^-1 p/2 + U(q), noise in position: explicit, orders 2 (additive) and 3/2",
+    "gauss_dkdkd": "H = p.M^-1 p/2 + U(q) or linear p-q coupling, noise in position: explicit, orders 2 and 3/2",
     "verlet_kdk": "velocity Verlet (leapfrog) with dZ: as gauss_dkdkd, with kicks at the ends of the step",
     "chin4a": "H = p.M^-1 p/2 + U(q), noise in position, small tolerances or long horizons: the cheapest measured",
     "gauss_dkdkd_strong2": "as gauss_dkdkd with strong order 2 for every noise in position",

@@ -58,6 +58,9 @@ module symsde_base_record
       real(wp) :: h = 0                                      !! each step, with its sign [time]
       integer :: max_iter = 0                                !! bound of a solver's iterations in a step
       type(step_decays) :: decays                            !! decays of maps of damped models
+      !> Flows between kicks of a model with a quadratic part z.S z/2: for each drift the rows of exp(tau J S) - 1, and
+      !> the rows of S_qq behind them; else null.
+      real(wp), pointer, contiguous :: turns(:) => null()
       real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
       type(functional_run) :: of(nfunctional) = functional_run()  !! of(path_dz)%x, ..; null unless asked for
    contains

@@ -446,6 +446,7 @@ contains
             value = value//', H = p.p/2 + U(q)'
          else if (needs%constant_mass) then
             value = value//', H = p.M^-1 p/2 + U(q) with a constant mass'
+            if (needs%quadratic_will_do) value = value//', or a declared quadratic part of H that holds all p (split)'
          end if
          if (needs%rotation) value = value//', frequencies of its linear part (trait rotation)'
       end associate

@@ -322,7 +322,7 @@ contains
       if (allocated(why)) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &
                     task%scheme%name//' '//why//': use midpoint, gauss2 or gauss_dkdkd, or a model without damping')
-      else if (kind == varying_rates .and. drifts_by_quadratic_part(task)) then
+      else if (kind == varying_rates .and. task%drifts_by_part()) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' has rates of damping that '// &
                     'are functions, and drifts of scheme '//task%scheme%name//' are flows of its quadratic part '// &
                     '(split), which decay by numbers: give rates as numbers, or use midpoint')
@@ -332,14 +332,6 @@ contains
                     'friction acts on velocities M^-1 p: give rates of the momenta')
       end if
    end subroutine check_damping
-
-   !> Whether drifts are flows of a quadratic part that the model declares.
-   pure logical function drifts_by_quadratic_part(task)
-      type(stepper_task), intent(in) :: task
-
-      drifts_by_quadratic_part = task%scheme%needs%quadratic_will_do .and. &
-                                 allocated(task%model%traits%quadratic_part)
-   end function drifts_by_quadratic_part
 
    !> Refuse a choice of the noise of damped free motion where kicks have no such choice. The law that the scheme has
    !> anyway is no other choice, and has the bits of none.
@@ -354,7 +346,7 @@ contains
          if (.not. task%damping%is_scalar()) then
             call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights '// &
                         'of the closed system unless noises are constant in position and time')
-         else if (drifts_by_quadratic_part(task) .and. task%damping_noise /= noise_polynomial) then
+         else if (task%drifts_by_part() .and. task%damping_noise /= noise_polynomial) then
             call refuse('drifts of model '//task%model%name//' are flows of its quadratic part (split), so that '// &
                         'kicks keep the weights of the closed system unless noises are constant in position and time')
          else if (.not. can_choose(task%scheme)) then

@@ -60,6 +60,7 @@ module symsde_step_stepper
       procedure :: is_tableau
       procedure :: has_brackets
       procedure :: is_plain
+      procedure :: drifts_by_part
    end type stepper_task
 
    !> `make` sets the first components, which runs and their reports read; with `record` and the last increments a
@@ -108,6 +109,13 @@ module symsde_step_stepper
    end interface
 
 contains
+
+   !> Whether the scheme kicks between flows of a quadratic part of H, which the model declares.
+   pure logical function drifts_by_part(self)
+      class(stepper_task), intent(in) :: self
+
+      drifts_by_part = self%scheme%needs%quadratic_will_do .and. allocated(self%model%traits%quadratic_part)
+   end function drifts_by_part
 
    !> Take successive steps from the state of a block, which is advanced. If several states are requested, one after
    !> every steps%every steps, they are stored in passed, including the last one. The step in which a lane fails is the

@@ -395,6 +395,64 @@ static void test_friction(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* H = |p - A|^2/2 with A = (-y, x), a field of strength two, and the force that goes with it */
+static int field(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *hq,
+                 double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)user;
+   for (int i = 0; i < nlane; i++) {
+      const double u = p[i] + q[nlane + i], v = p[nlane + i] - q[i];
+      if (hq)
+         hq[i] = -w[i] * v, hq[nlane + i] = w[i] * u;
+      if (hp)
+         hp[i] = w[i] * u, hp[nlane + i] = w[i] * v;
+   }
+   return 0;
+}
+
+/* a quadratic part is a whole turn after the time pi, whatever the step is; a wrong one is refused */
+static void test_quadratic_part(void) {
+   const double second[4][4] = {{1, 0, 0, -1}, {0, 1, 1, 0}, {0, 1, 1, 0}, {-1, 0, 0, 1}};
+   const double lopsided[4][4] = {{1, 1, 0, -1}, {0, 1, 1, 0}, {0, 1, 1, 0}, {-1, 0, 0, 1}};
+   const double wrong[4][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}};
+   const double q0[] = {1, 0.5}, p0[] = {0.25, -1};
+   double q[2 * NTIME * PATHS * 2], p[2 * NTIME * PATHS * 2];
+   symsde_model model = NULL, kubo = NULL;
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   const symsde_input input = some_input(q0, p0);
+   arrays a;
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_traits traits;
+
+   symsde_traits_init(&traits);
+   traits.ndof = 2;
+   OK(symsde_model_new("field", &traits, field, NULL, NULL, NULL, NULL, &model, &error));
+   OK(symsde_scheme_get("gauss_dkdkd", &scheme, &error));
+   paths.q = q, paths.p = p;
+   options.step = 3.14159265358979323846 / (NTIME - 1);
+   options.steps = NTIME - 1;
+   options.save_every = 1;
+   EXPECT(SYMSDE_INCOMPATIBLE, "split", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "not symmetric", symsde_model_set_quadratic_part(model, &lopsided[0][0], &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_quadratic_part(NULL, &second[0][0], &error));
+   OK(symsde_model_set_quadratic_part(model, &wrong[0][0], &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "quadratic part", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   OK(symsde_model_set_quadratic_part(model, &second[0][0], &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   for (int k = 0; k < 2; k++)
+      for (int i = 0; i < PATHS; i++) {
+         const int last = ((NTIME - 1) * 2 + k) * PATHS + i;
+         CHECK(fabs(q[last] - q0[k]) < 1e-13 && fabs(p[last] - p0[k]) < 1e-13);
+      }
+   OK(symsde_model_set_quadratic_part(model, NULL, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "split", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   OK(symsde_model_get("kubo", 0, NULL, NULL, &kubo, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "built in", symsde_model_set_quadratic_part(kubo, &second[0][0], &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&kubo);
+   symsde_scheme_delete(&scheme);
+}
+
 /* a bath: a noise after the model's noises, with sigma^2 = 2 gamma m/beta, and the friction; callbacks keep their
  * failures */
 static void test_thermostat(void) {
@@ -582,6 +640,7 @@ int main(void) {
    test_sincos();
    test_damping();
    test_friction();
+   test_quadratic_part();
    test_thermostat();
    test_forces();
    test_damping_function();

@@ -226,7 +226,7 @@ def in_numpy_of(model):
     from symsde.model.formulas import derivatives, in_numpy, named_formulas
 
     _, (given,) = model._remade
-    own = ("name", "n", "ends", "damping", "force", "noise_force")
+    own = ("name", "n", "ends", "damping", "force", "noise_force", "split")
     chosen = {key: value for key, value in given.items() if key not in own}
     return in_numpy.InNumpy(derivatives.Derivatives(named_formulas.make_problem(**chosen)), model.parameters)
 
@@ -360,7 +360,7 @@ def test_many_processes_want_the_same_at_once(tmp_path):
     started = [subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)]
     answers = {process.communicate()[0] for process in started}
     assert all(process.returncode == 0 for process in started) and len(answers) == 1
-    assert len(list((tmp_path / "cache").glob("*.so"))) == 1
+    assert len(list((tmp_path / "cache").glob("*.so"))) == 2  # steps of kicks between flows of q*p are one of them
     assert not list((tmp_path / "cache").glob(".part*"))
 
 

@@ -133,9 +133,9 @@ MADE = {
     **dict.fromkeys(("chain_rows", "flows", "any_lanes"), OMITTED),
 }
 CHAIN = {"H": "Sum(p[i]**2/2 + k*q[i]**2/2, i)", "noise": ["s*q[i]"], "n": 3, "params": {"k": 2.0, "s": 0.1}}
-CHAIN |= {"force": OMITTED, "noise_force": OMITTED}
+CHAIN |= {"force": OMITTED, "noise_force": OMITTED, "split": OMITTED}
 TOLD = {"H": "x**2/2*k + y**2/2", "noise": ["s*x", "s*y"], "q": ["x"], "p": ["y"], "params": {"k": 2.0, "s": 0.1}}
-TOLD |= {"force": ["-s*y**3"], "noise_force": [["s*y"], ["0"]]}
+TOLD |= {"force": ["-s*y**3"], "noise_force": [["s*y"], ["0"]], "split": OMITTED}
 VALUES["run"] = RUN
 #: cases by function that differ from these tables; further entries are options
 OWN = {

@@ -49,7 +49,7 @@ contains
 
       text = ''
       call spread_state(nlane, size(q0), q0, p0, q, p)
-      call find_bounds(model, nlane, options%t0, q, p, bounds)
+      call find_bounds(model, scheme, nlane, options%t0, q, p, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
       call warn_of_damping(text, scheme, model%traits, model%damping, options)
@@ -185,25 +185,29 @@ contains
 
    !> Find the bounds: declared bounds, else row sums of Hessians at the initial state. Row sums of all noises are added
    !> for each row, and the largest row counts: noises on different sites of a lattice do not add up. With more than
-   !> most_noises noises there is no estimate.
-   subroutine find_bounds(model, nlane, t, q, p, bounds)
+   !> most_noises noises there is no estimate. Where the scheme takes a quadratic part of H exactly, the frequency is
+   !> that of the rest.
+   subroutine find_bounds(model, scheme, nlane, t, q, p, bounds)
       class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
       type(bounds_type), intent(out) :: bounds
       real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! sums of hqq, hqp, hpp; rows of q, p
       integer :: k
-      logical :: looked
+      logical :: looked, by_part
 
+      by_part = scheme%needs%quadratic_will_do .and. allocated(model%traits%quadratic_part)
       bounds%frequency = model%traits%max_frequency
+      if (by_part) bounds%frequency = 0
       bounds%lipschitz = model%traits%noise_lipschitz
       bounds%frequency_source = 'declared'
       bounds%lipschitz_source = 'declared'
       bounds%nnoise = model%traits%nnoise
       if (.not. bounds%frequency > 0) then
          bounds%frequency_source = 'estimated at the initial state'
-         call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked)
+         call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked, by_part)
          if (looked) bounds%frequency = maxval(sums(:, 2)) + sqrt(maxval(sums(:, 1)))*sqrt(maxval(sums(:, 3)))
       end if
       if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
@@ -220,17 +224,19 @@ contains
    end subroutine find_bounds
 
    !> Sums of absolute values along the rows of the Hessian blocks of H_k: in q, mixed, and in p. For the mixed block,
-   !> which separable models do not have, take the larger of row sum and column sum.
-   subroutine row_sums(model, nlane, n, t, k, q, p, sums, looked)
+   !> which separable models do not have, take the larger of row sum and column sum. by_part: without D_qq and D_qp of
+   !> the model's quadratic part.
+   subroutine row_sums(model, nlane, n, t, k, q, p, sums, looked, by_part)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, k
       real(wp), intent(in) :: t, q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: sums(n, 3)
       logical, intent(out) :: looked   !! false if the Hessian is too large to read
+      logical, intent(in), optional :: by_part
       real(wp) :: w(nlane, 0:model%traits%nnoise)
       real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
       type(kernel_offers) :: offers
-      integer :: m, b, i
+      integer :: m, b, i, d
 
       offers = offers_of(model)
       sums = 0
@@ -248,6 +254,12 @@ contains
          allocate (aqq(nlane, n, n), app(nlane, n, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
          call model%hessian(nlane, n, m, t, w, q, p, aqq, aqp, app)
+         if (present(by_part)) then
+            if (by_part) then
+               aqq(1, :, :) = aqq(1, :, :) - model%traits%quadratic_part(:n, :n)
+               if (allocated(aqp)) aqp = 0
+            end if
+         end if
          sums(:, 1) = sum(abs(aqq(1, :, :)), dim=2)
          sums(:, 3) = sum(abs(app(1, :, :)), dim=2)
          if (allocated(aqp)) sums(:, 2) = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
@@ -255,6 +267,16 @@ contains
          allocate (aqq(nlane, -b:b, n), app(nlane, -b:b, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, -b:b, n))
          call model%hessian_banded(nlane, n, m, b, t, w, q, p, aqq, aqp, app)
+         if (present(by_part)) then
+            if (by_part) then
+               do i = 1, n
+                  do d = max(1 - i, -b), min(n - i, b)
+                     aqq(1, d, i) = aqq(1, d, i) - model%traits%quadratic_part(i, i + d)
+                  end do
+               end do
+               if (allocated(aqp)) aqp = 0
+            end if
+         end if
          call sum_bands(nlane, 2*b + 1, n, aqq, sums(:, 1))
          call sum_bands(nlane, 2*b + 1, n, app, sums(:, 3))
          if (.not. allocated(aqp)) return

@@ -17,6 +17,7 @@ module symsde_model_user_callback_flow
    !> Place of the decays of damped steps, functionals[5] of symsde_flow in symsde.h: it stays there if functionals are
    !> added, which follow it, since functions of users were compiled with it.
    integer, parameter :: place_of_decays = 6
+   integer, parameter :: place_of_turns = 8   !! behind all functionals: flows of a quadratic part
 
    type :: flow_slot
       type(step_map) :: map
@@ -43,8 +44,9 @@ module symsde_model_user_callback_flow
          integer(c_int), value :: max_iter                 !! bound on iterations of a solver in a step
          real(c_double), value :: t, h !! time at which the first step begins; the step with its sign
          real(c_double), intent(in) :: w(nlane, nham, nstep)
-         !> Each (nlane, columns, nstep), or NULL; decays of damped steps at place_of_decays, else NULL.
-         type(c_ptr), intent(in) :: functionals(nfunctional + 1)
+         !> Each (nlane, columns, nstep), or NULL; decays of damped steps at place_of_decays, else NULL; and
+         !> flows of a quadratic part at place_of_turns.
+         type(c_ptr), intent(in) :: functionals(nfunctional + 2)
          real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(c_double), intent(out) :: qn(nlane, ndof, nstep/every), pn(nlane, ndof, nstep/every)
          integer(c_int64_t), intent(inout) :: status(nlane)  !! 0, or a status of the lane
@@ -107,7 +109,7 @@ contains
       integer(i4), intent(out) :: code
       real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :)
       real(wp), target :: decays(5)
-      type(c_ptr) :: functionals(nfunctional + 1)
+      type(c_ptr) :: functionals(nfunctional + 2)
       integer :: f
 
       call spoil(size(qn), qn, pn)
@@ -121,6 +123,7 @@ contains
       decays(2:3) = steps%decays%beta
       decays(4:5) = steps%decays%gamma
       if (map%damped) functionals(place_of_decays) = c_loc(decays)
+      if (associated(steps%turns)) functionals(place_of_turns) = c_loc(steps%turns)
       w => steps%w
       associate (s => steps)
          code = self%slots(self%place_of(map))%take(s%nlane, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, &

@@ -34,6 +34,7 @@ module symsde_step_flow_model_flow
    use symsde_step_flow_scheme_map, only: map_of, named_map, known_map, is_of_catalogue
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_open_kick_law, only: give_law
+   use symsde_step_open_linear_flow, only: linear_flow, new_linear_flow, hamiltonian_field
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -52,6 +53,9 @@ module symsde_step_flow_model_flow
       type(kicks_type), allocatable :: kicks  !! kicks of a splitting, without decays
       real(wp) :: h = 0                       !! length of the step for which decays were computed
       type(step_decays) :: decays
+      type(linear_flow), allocatable :: drifts !! flows of a quadratic part between kicks
+      real(wp), allocatable :: place(:)        !! beginnings of these drifts and their end, as parts of the step
+      real(wp), allocatable :: turns(:)        !! the same as numbers, as in base/record
    contains
       procedure :: make
       procedure :: advance
@@ -94,6 +98,7 @@ contains
       call map_of(task%scheme, map)
       map%corrected = corrected
       map%damped = damped
+      if (damped .and. task%drifts_by_part()) return
       found = fast%has_flow(map)
       ! A name alone proves nothing: unless the scheme is one of the four, its coefficients, law and brackets must be
       ! those of the catalogue's scheme of this name. Otherwise its tableau may be in the catalogue under another name.
@@ -140,6 +145,15 @@ contains
          if (task%scheme%form == tableau_form) self%node = task%scheme%c(1)
          if (task%scheme%form == splitting_form) self%kicks = task%scheme%kicks
       end if
+      if (task%drifts_by_part()) then
+         allocate (self%drifts)
+         self%place = [0.0_wp, task%scheme%kicks%c, 1.0_wp]
+         associate (s => task%model%traits%quadratic_part, n => size(self%place) - 1)
+            call new_linear_flow(self%drifts, hamiltonian_field(s), n)
+            allocate (self%turns(n*size(s) + size(s)/4), source=0.0_wp)
+            self%turns(n*size(s) + 1:) = pack(s(:size(s, 1)/2, :size(s, 1)/2), .true.)
+         end associate
+      end if
       self%max_iter = task%newton%max_iter
       self%most_single = 1
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
@@ -177,8 +191,8 @@ contains
    !> Take several steps from (q, p), nlane x ndof, to the states (qn, pn) after every steps%every-th step, consecutive
    !> in the last index. The model fills the counters of the Hamiltonian.
    subroutine flow(self, steps, q, p, qn, pn, status)
-      class(model_flow_stepper), intent(inout) :: self
-      type(steps_record), intent(inout) :: steps   !! the decays of its steps are set here
+      class(model_flow_stepper), intent(inout), target :: self
+      type(steps_record), intent(inout) :: steps   !! the decays and the drifts of its steps are set here
       real(wp), intent(in) :: q(steps%nlane, self%ham%ndof), p(steps%nlane, self%ham%ndof)
       real(wp), intent(out) :: qn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
       real(wp), intent(out) :: pn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
@@ -188,10 +202,28 @@ contains
          if (abs(steps%h - self%h) > 0) call find_decays(self, steps%h)
          steps%decays = self%decays
       end if
+      if (allocated(self%drifts)) then
+         if (abs(steps%h - self%h) > 0) call find_drifts(self, steps%h)
+         steps%turns => self%turns
+      end if
       associate (ham => self%ham)
          call ham%fast%flow(self%map, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
       end associate
+      nullify (steps%turns)
    end subroutine flow
+
+   !> The flows of the quadratic part in steps of the length h, with its sign.
+   subroutine find_drifts(self, h)
+      type(model_flow_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h
+      integer :: i, n
+
+      self%h = h
+      n = 4*self%ham%ndof**2
+      do i = 1, size(self%place) - 1
+         call self%drifts%rows(i, (self%place(i + 1) - self%place(i))*h, self%turns((i - 1)*n + 1:i*n))
+      end do
+   end subroutine find_drifts
 
    !> The decays of steps of the length h, with its sign.
    subroutine find_decays(self, h)

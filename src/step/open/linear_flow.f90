@@ -42,6 +42,7 @@ module symsde_step_open_linear_flow
       type(row_group), allocatable :: groups(:, :)  !! the same by rows that are multiplied together (ndof/2 + 1, nleg)
    contains
       procedure :: move
+      procedure :: rows
    end type linear_flow
 
 contains
@@ -151,6 +152,23 @@ contains
          end associate
       end do
    end subroutine move
+
+   !> X over the time tau, leg `leg` of the step, row after row: x(j, i) is the entry of row i and column j.
+   pure subroutine rows(self, leg, tau, x)
+      class(linear_flow), intent(inout) :: self
+      integer, intent(in) :: leg
+      real(wp), intent(in) :: tau
+      real(wp), intent(out) :: x(size(self%field, 1), size(self%field, 1))
+      integer :: i, k
+
+      if (abs(tau - self%duration(leg)) > 0) call set_leg(self, leg, tau)
+      x = 0
+      do i = 1, size(x, 2)
+         do k = self%from(i, leg) + 1, self%from(i + 1, leg)
+            x(self%column(k, leg), i) = self%entry(k, leg)
+         end do
+      end do
+   end subroutine rows
 
    !> Compute X for a leg: group by group, and then its entries row by row. In a row the position and the momentum of
    !> one degree of freedom stand together.

@@ -92,8 +92,8 @@ contains
       self%damping = damping
       self%damping_noise = damping_noise
       if (damping%acts() .and. damping%is_scalar() .and. kicks%flow == flow_free .and. &
-          .not. allocated(traits%quadratic_part) .and. damping_noise /= noise_polynomial .and. &
-          (self%uses_dz .or. kicks%is_word())) self%rate = damping%rate(1)
+          damping_noise /= noise_polynomial .and. (kicks%is_word() .or. self%uses_dz .and. &
+                                                   .not. allocated(traits%quadratic_part))) self%rate = damping%rate(1)
       ! D multiplies products in kicks with a nonzero share; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies

@@ -89,13 +89,11 @@ contains
       type(damping_type), intent(in), optional :: damping
       real(wp), allocatable, intent(in), optional :: part(:)   !! not allocated: not at kicks (nleg - 1)
       logical, intent(in), optional :: rational                !! rational functions in place of exponentials
-      real(wp), allocatable, intent(in), optional :: quadratic(:, :)  !! S of a quadratic part (2 ndof, 2 ndof)
+      real(wp), intent(in), optional :: quadratic(:, :)        !! S of a quadratic part (2 ndof, 2 ndof)
 
       if (present(quadratic)) then
-         if (allocated(quadratic)) then
-            call new_quadratic_flow(self, nleg, ndof, quadratic, damping)
-            return
-         end if
+         call new_quadratic_flow(self, nleg, ndof, quadratic, damping)
+         return
       end if
       if (present(damping)) self%decays = damping%acts()
       if (self%decays) then

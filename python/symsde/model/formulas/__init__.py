@@ -16,6 +16,7 @@ scaled               exponentials that do not overflow inside quotients and loga
 tails                derivatives that stay accurate where a function is near its limit
 matrices             matrices as coordinates and momenta
 kinks                functions with kinks and jumps as cases
+quadratic            the quadratic part of H whose flow is exact between kicks
 structure            traits and invariants, derived from formulas
 emit_c               C for the callbacks of the library
 emit_flow            C for whole steps of a scheme; the steps are in the headers flow_*.h

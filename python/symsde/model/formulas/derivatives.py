@@ -12,6 +12,7 @@ import functools
 import importlib
 import itertools
 from collections.abc import Container
+from dataclasses import replace
 from typing import Any
 
 from ...errors import InvalidArgumentError
@@ -36,11 +37,12 @@ def engine():
 class Derivatives:
     """All derivatives of a problem; zero where a derivative vanishes."""
 
-    def __init__(self, problem: Problem, vanishing: Container[tuple] = ()):
+    def __init__(self, problem: Problem, vanishing: Container[tuple] = (), *, is_split: bool = False):
         """Store the problem. vanishing: (j, variables) of derivatives that are zero, in whatever form they are
         written.
         """
         self.problem = problem
+        self.is_split = is_split  #: whether kicks stand between flows of a quadratic part of H
         self._vanishing = vanishing
         self.graph = Graph()
         self._engine = engine()
@@ -63,6 +65,12 @@ class Derivatives:
                     f"the gradient of {quoted(problem.texts[0])} and its noises takes {len(self.graph.nodes)} "
                     f"operations, allowed are {MAX_GRADIENT}: shorten products, or take fewer degrees of freedom"
                 )
+
+    def at_rest(self) -> Derivatives:
+        """The derivatives of H and its noises at p = 0."""
+        still = dict.fromkeys(self.problem.coordinates("p"), 0)
+        rest = {x: still[x.name] for h in self.problem.hamiltonians for x in h.free_symbols if x.name in still}
+        return Derivatives(replace(self.problem, hamiltonians=tuple(h.subs(rest) for h in self.problem.hamiltonians)))
 
     @functools.cached_property
     def _fixed(self) -> set[str]:

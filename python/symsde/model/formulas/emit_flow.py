@@ -29,11 +29,16 @@ HEAD = """
 #include <string.h>
 enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
 #define DAMPED {damped}
-enum {{ GAMMA_H = 5 }}; /* its place among functionals of symsde_flow in symsde.h, which does not move */
+#define SPLIT {split}
+enum {{ GAMMA_H = 5, TURNS = 7 }}; /* their places among functionals of symsde_flow in symsde.h, which do not move */
 #if DAMPED
 #define FADE_IN , const fading fade
 #define FADE , fade
 #define FADE_OF(functionals) const fading fade = fade_of(functionals[GAMMA_H][0])
+#elif SPLIT
+#define FADE_IN , const double *restrict turns
+#define FADE , turns
+#define FADE_OF(functionals) const double *const turns = functionals[TURNS]
 #else
 #define FADE_IN
 #define FADE
@@ -72,7 +77,55 @@ def flows(made: Derivatives) -> list[str]:
         schemes.append("midpoint")
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
-    return [*schemes, *(_kicks(made) if separable else [])]
+    return [*schemes, *(_kicks(made) if separable and not made.is_split else [])]
+
+
+def source_of_kicks(made: Derivatives) -> tuple[str, list[str]]:
+    """C for steps of kicks between flows of a quadratic part of H, and their schemes. Flows are given as numbers, by
+    the library; kicks are those of H at p = 0, less the force of the quadratic part."""
+    problem = made.problem
+    if problem.by_path or problem.ndof > MAX_DOF or not 0 < problem.nnoise <= MAX_NOISES:
+        return "", []
+    rest = made.at_rest()
+    nodes = [rest.graph.nodes[x] for x in _needed(rest, ["hq"])]
+    few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
+    if not few or "t" in _leaves(rest, ["hq"]):
+        return "", []
+    noise = rest.noise_block(BLOCKS["hqq"])
+    schemes = [x for x in KICKS if x != "verlet_kdk" or all(rest.graph.is_number(node, 0.0) for node in noise)]
+    kept = _kept(rest)
+    parts = [HEAD.format(**_sizes(rest), kept=len(kept), separable=0, moves=1, damped=0, split=1, mixed=1)]
+    parts += [_places(rest, kept), _moves(rest, "fall", "hq", kept), _moves(rest, "kick", "hq")]
+    parts += [_text("steps"), _text("kicks"), *map(_kicked, schemes)]
+    return "\n".join(parts), schemes
+
+
+def _sizes(made: Derivatives) -> dict[str, int]:
+    """Numbers of HEAD that depend on the formulas alone."""
+    needed = _needed(made, BLOCKS)
+    far = any(made.graph.nodes[x].what in NEAR and made.graph.nodes[x].lane for x in needed)
+    group = 1 if len(needed) > 160 or far else 8
+    return {
+        "dof": made.problem.ndof,
+        "strip": STRIP,
+        "group": group,
+        "far": int(far),
+        "nham": made.problem.nnoise + 1,
+    }
+
+
+def _kicked(scheme: str) -> str:
+    """The function of whole steps of a scheme of kicks."""
+    return (_step_sizes(scheme) + _text("closed") + _text("kicked")).replace("STEP", scheme)
+
+
+def _step_sizes(scheme: str, *, linear: bool = False) -> str:
+    """What the texts of a scheme's steps read of it."""
+    kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
+    sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
+    sizes += f"#define STEP_WIDTH {2 if scheme in KICKS else 1}\n"
+    sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
+    return sizes + f"#define STEP_LINEAR {int(linear)}\n"
 
 
 def _kicks(made: Derivatives) -> list[str]:
@@ -99,22 +152,13 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
     schemes = flows(made)
     if not schemes:
         return ""
-    operations = len(_needed(made, BLOCKS))
-    may_be_far = any(made.graph.nodes[x].what in NEAR and made.graph.nodes[x].lane for x in _needed(made, BLOCKS))
-    group = 1 if operations > 160 or may_be_far else 8
     kept = _kept(made) if "stormer_verlet" in schemes else []
     separable = int("stormer_verlet" in schemes)
-    sizes = {
-        "dof": made.problem.ndof,
-        "strip": STRIP,
-        "group": group,
-        "far": int(may_be_far),
-        "kept": len(kept),
-        "nham": made.problem.nnoise + 1,
-    }
     parts = [
         HEAD.format(
-            **sizes,
+            **_sizes(made),
+            kept=len(kept),
+            split=0,
             separable=separable,
             moves=int(_moves_at_zero(made)),
             damped=int(damped),
@@ -150,19 +194,18 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
     newton = [x for x in schemes if x in ("midpoint", "gauss2") and not _is_quadratic(made)]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:
-        how = _text("closed") + (_text("kicked") if scheme in KICKS else _text("closed_strip"))
+        if scheme in KICKS:
+            parts.append(_kicked(scheme))
+            continue
+        how = _text("closed") + _text("closed_strip")
         if scheme in newton:
             swept = scheme == "gauss2" and _sweeps(made)
             how = _text("newton") + (_text("sweeps") if swept else "")
             how += _text("strip").replace("PASS", "swept_" if swept else "")
         unknowns = made.problem.ndof * (4 if scheme == "gauss2" else 1 if eliminated else 2)
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
-        kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
-        sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
-        sizes += f"#define STEP_WIDTH {2 if scheme in KICKS else 1}\n"
-        sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
-        sizes += f"#define STEP_LINEAR {int(rotates and scheme in ('midpoint', 'gauss2'))}\n"
-        parts.append((sizes + how + ("" if scheme in KICKS else _text("call"))).replace("STEP", scheme))
+        sizes = _step_sizes(scheme, linear=rotates and scheme in ("midpoint", "gauss2"))
+        parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
 
 

@@ -6,11 +6,42 @@ static const double gauss_dkdkd_law[4] = {0.5, 0.5, 1.7320508075688772, -1.73205
 static const double verlet_kdk_law[4] = {0.5, 0.5, 1, -1};
 static const double leg_of[3] = {0.21132486540518711, 0.57735026918962577, 1};
 
+#if SPLIT
+/* Drift number `leg` is the flow of a quadratic part: z + X z in place of z = (q, p). Kicks are those of H at p = 0,
+ * which hold the part's own force S_qq q: it is taken back. */
+enum { ROW = 2 * DOF };
+
+LANE void turn(const double *restrict x, state *s) {
+   double z[ROW];
+   for (int k = 0; k < DOF; k++) {
+      z[k] = s->q[k];
+      z[DOF + k] = s->p[k];
+   }
+   for (int k = 0; k < DOF; k++)
+      for (int j = 0; j < ROW; j++) {
+         s->q[k] = FMA(x[k * ROW + j], z[j], s->q[k]);
+         s->p[k] = FMA(x[(DOF + k) * ROW + j], z[j], s->p[k]);
+      }
+}
+
+LANE void soften(const double h, const double *restrict turns, state *s) {
+   const double *const stiffness = turns + (KICKS + 1) * ROW * ROW;
+   for (int k = 0; k < DOF; k++)
+      for (int j = 0; j < DOF; j++)
+         s->p[k] = FMA(h * stiffness[k * DOF + j], s->q[j], s->p[k]);
+}
+#else
+#define soften(h, turns, s)
+#endif
+
 INLINE leap(LANE_IN, state *s, const int leg, const int far) {
 #if DAMPED
    const int64_t beyond = drift(LANE_OF, s, fade.reach[leg], far);
    lose(fade.leg[leg], s);
    return beyond;
+#elif SPLIT
+   turn(turns + (leg == 2 ? 1 : leg) * ROW * ROW, s);
+   return 0;
 #else
    return drift(LANE_OF, s, leg_of[leg], far);
 #endif
@@ -19,16 +50,21 @@ INLINE leap(LANE_IN, state *s, const int leg, const int far) {
 INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
    int64_t beyond = leap(LANE_OF, s, 0, far);
    beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
+   soften(0.5 * h, turns, s);
    beyond |= leap(LANE_OF, s, 1, far);
    beyond |= kick(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+   soften(0.5 * h, turns, s);
    return beyond | leap(LANE_OF, s, 0, far);
 }
 
 INLINE verlet_kdk(LANE_IN, state *s, const int far) {
    int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
+   soften(0.5 * h, turns, s);
    beyond |= leap(LANE_OF, s, 2, far);
    beyond |= places(LANE_OF, s, s->e, far);
-   return beyond | fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+   beyond |= fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+   soften(0.5 * h, turns, s);
+   return beyond;
 }
 
 /* The weights u of kicks from those of a step and dZ: beta dW + gamma a, a = dZ/h - dW/2; rows of u stand m apart. */

@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +14,12 @@ import numpy as np
 from ...errors import InvalidArgumentError, SlowFormulaWarning
 from ...native import callbacks, checks
 from ..rates import Rates
+from ..split import KICKS
 from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
-from .named_formulas import MAX_DOF, make_problem, quoted
+from .named_formulas import MAX_DOF, Problem, make_problem, quoted, several
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
 
@@ -61,6 +62,8 @@ class Code:
     rates: _rates.Found | None = None  #: rates of damping that are formulas
     root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
     decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
+    #: whole steps of kicks between flows of the quadratic part, and their schemes
+    kicks: tuple[compiler.Compiled, list[str]] | None = None
     direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
     #: names -> with these parameters as positions (wide.py)
     wide: dict[tuple, FormulaModel] = field(default_factory=dict)
@@ -79,12 +82,11 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     chain, own, pulls, rates, part = None, (), _forces.Found(), None, None
     formulas = given["damping"] if isinstance(given["damping"], _rates.Asked) else None
     if given["n"] is None:
-        chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
-        if formulas:
-            chosen["invariants"] += formulas.formulas
+        chosen["invariants"] = _read_too(given, rows, formulas)
         problem = make_problem(**chosen, most=given.get("most", MAX_DOF))
         problem, decaying = _rates.split(problem, formulas) if formulas else (problem, [])
         problem, acting = _forces.split(problem, rows)
+        problem, by_hand = _split_off(problem, given["split"])
         if given.get("bath"):
             acting = _forces.friction_of_noises(problem, given["bath"])
         prover = Prover(problem)
@@ -96,13 +98,15 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
             parameters.require_numbers(problem.parameters, "of models with formulas of damping")
             rates = _rates.derive(problem, prover, formulas, decaying)
         _refuse_kinks([*(e for row in acting for e in row), *decaying] if acting else decaying)
-        structure = prover.structure()
+        structure = prover.structure(by_hand)
         given = _told_kinks(given, structure, problem.texts)
         nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
         own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
         part = prover.part
         texts = problem.texts[: nnoise + 1]
-        derivatives = Derivatives(problem, prover.vanishing())
+        derivatives = Derivatives(
+            problem, prover.vanishing(), is_split=structure.split is not None and structure.kicks == KICKS[0]
+        )
         source = emit_c.source(derivatives, hessians=given.get("hessians", True))
         source += _forces.source(pulls) + _rates.source(rates)
         if given.get("steps", True):
@@ -114,7 +118,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
                 f"damping = {checks.shown(formulas.formulas[0])}: models of n sites take no formulas of damping; give "
                 "numbers, or a function of (q, t)"
             )
-        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
+        chain = _chain(**chosen, n=given["n"], ends=given["ends"], split=given["split"])
         structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
         traits, part = {**traits, "ndof": chain.n}, chain.part
@@ -134,8 +138,9 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     kind = parameters.kind_of(values)
     told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
     kinds[kind] = Code(
-        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, part, compiled, kinds, pulls, rates
-    )
+        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, part, compiled, kinds, pulls,
+        rates, kicks=_kicks_of(derivatives) if compiled and given.get("steps", True) else None,
+    )  # fmt: skip
     return kinds[kind]
 
 
@@ -185,6 +190,30 @@ def _no_rotation(_values: list) -> None:
     return None
 
 
+def _read_too(given: dict[str, Any], rows: list[list[Any]], damping: _rates.Asked | None) -> list[Any]:
+    """What is read in the names of H beside the noises: split, invariants, forces, rates of damping."""
+    forces = (x for row in rows for x in row)
+    rates = damping.formulas if damping else ()
+    return [*several("split", given["split"]), *given["invariants"], *forces, *rates]
+
+
+def _split_off(problem: Problem, split: Any) -> tuple[Problem, tuple[Any, str] | None]:
+    """A problem without the quadratic part that stands before its invariants, and this part with its text."""
+    if split is None:
+        return problem, None
+    m = problem.nnoise + 1
+    bare = replace(problem, invariants=problem.invariants[1:], texts=(*problem.texts[:m], *problem.texts[m + 1 :]))
+    return bare, (problem.invariants[0], problem.texts[m])
+
+
+def _kicks_of(derivatives: Derivatives | None) -> tuple[compiler.Compiled, list[str]] | None:
+    """Compiled whole steps of kicks between flows of the quadratic part; a file of their own, since their kicks are
+    those of H at p = 0."""
+    source, schemes = emit_flow.source_of_kicks(derivatives) if derivatives and derivatives.is_split else ("", [])
+    compiled = compiler.build(emit_c.preamble(derivatives) + source) if source else None
+    return compiled and (compiled, schemes)
+
+
 def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
     """The compiled code; None if nothing can be compiled, with a warning about the cost."""
     compiled = compiler.build(source)
@@ -196,8 +225,12 @@ def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
     return None
 
 
-def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
+def _chain(*, H, noise, q, p, params, t, invariants, n, ends, split) -> Chain:
     """Read sums over n sites."""
+    if split is not None:
+        raise InvalidArgumentError(
+            f"split = {checks.shown(split)}: models of n sites take no quadratic part; leave it out"
+        )
     if q is not None or p is not None or invariants:
         raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
     chain = make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)

@@ -202,6 +202,7 @@ def model_from_sympy(
     damping: Any = None,
     force: Any = None,
     noise_force: Any = None,
+    split: Any = None,
     name: str = "formula",
 ) -> FormulaModel:
     """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), given as expressions of sympy or as texts.
@@ -228,6 +229,10 @@ def model_from_sympy(
       noise a list f_k(q, p, t) of as many, dp = .. + f_k o dW_k. See `Model.forced`. An F that is proved to be
       -gamma_i p_i with constants becomes damping
 
+    - split: a quadratic part D of H, as "p1**2/2 + p2**2/2 + w*(q2*p1 - q1*p2)", whose flow is taken exactly between
+      kicks by the rest, a function of q (``gauss_dkdkd``, ``verlet_kdk``, ``chin4a``). By default it is found where H
+      couples q and p (``model.formula.structure.split``)
+
     Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
     and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).
     Values of parameters are passed to it when it runs. ``model.formula`` describes all of this. An InvalidArgumentError
@@ -247,6 +252,7 @@ def model_from_sympy(
         "damping": damping,
         "force": force,
         "noise_force": noise_force,
+        "split": split,
         "name": name,
     }
     given = matrices.in_symbols(given)
@@ -254,7 +260,7 @@ def model_from_sympy(
     _warn_of_kinks(model)
     acting = [x for row in _forces.rows_of(given["force"], given["noise_force"]) for x in row]
     acting += damping.formulas if isinstance(damping, _rates.Asked) else ()
-    others = (x for key in ("noise", "invariants") for x in several(key, given[key]))
+    others = (x for key in ("noise", "invariants", "split") for x in several(key, given[key]))
     _warn_of_unused(params, [given["H"], *others, *acting])
     return model
 
@@ -379,6 +385,9 @@ def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> Formula
     for scheme in emit_chain_flow.flows(code.chain) if code.chain else []:
         names = [emit_flow.named(scheme, damped=x) for x in (False, True) if not x or scheme in emit_chain_flow.DAMPED]
         found |= dict.fromkeys(names, formula_code.address(code.compiled, f"formula_flow_{scheme}"))
+    if code.kicks:
+        kicks, schemes = code.kicks
+        found |= {x: formula_code.address(kicks, f"formula_flow_{x}") for x in schemes}
     functions["flows"] = found | {**more}
     pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
     code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))

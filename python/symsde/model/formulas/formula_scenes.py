@@ -9,7 +9,7 @@ omega = 2.0
 sigma = 0.2
 
 Beside H there may be force, F_1 .. F_n, and noise_force, a list of as many for each noise, and damping, rates of the
-momenta.
+momenta, and split, a quadratic part of H whose flow is exact.
 """
 
 from __future__ import annotations
@@ -22,7 +22,22 @@ from ..definition import Model
 from . import rates
 from .formula_model import model_from_sympy
 
-KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name", "force", "noise_force", "damping"]
+KEYS = [
+    "H",
+    "noise",
+    "q",
+    "p",
+    "t",
+    "params",
+    "invariants",
+    "n",
+    "ends",
+    "name",
+    "force",
+    "noise_force",
+    "damping",
+    "split",
+]
 _LISTS = ("noise", "q", "p", "invariants", "force", "noise_force")
 
 TEMPLATE = """\

@@ -21,7 +21,7 @@ import numpy as np
 from ...native.files import optional
 from ..split import KICKS, Split
 from ..traits import FLAGS
-from . import actions, kinks
+from . import actions, kinks, quadratic
 from .named_formulas import Problem
 
 MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
@@ -195,8 +195,8 @@ class Prover:
         pairs = ((q, p) for q, p in zip(self.q, self.p, strict=True) if q in left and p in right)
         return sum((f.diff(q) * g.diff(p) for q, p in pairs), self.sympy.Integer(0))
 
-    def structure(self) -> Structure:
-        """All properties of the formulas."""
+    def structure(self, given: tuple[Any, str] | None = None) -> Structure:
+        """All properties of the formulas; given: a quadratic part of H by hand, and its text."""
         count, n = len(self.hams), self.problem.ndof
         every, noises = range(count), range(1, count)
         blocks = {"qq": (self.q, self.q), "qp": (self.q, self.p), "pp": (self.p, self.p)}
@@ -224,9 +224,16 @@ class Prover:
         unit = constant_mass and mass == identity
         position_noise = all(self.diff(k, x) == 0 for k in noises for x in self.p)
         values, unsplit = list(self.problem.parameters.values()), ""
-        if not (constant_mass and position_noise) and not kinked:
-            self.part, unsplit = actions.found(self, _function)
+        if given is not None:
+            self.part = quadratic.given(self, *given, _function)
+        elif not (constant_mass and position_noise) and not kinked:
+            self.part, unsplit = quadratic.found(self, _function)
+            if self.part is None:
+                self.part, other = actions.found(self, _function)
+                unsplit = "" if self.part else other or unsplit
         split = self.split(values)
+        if self.part and split is None:
+            unsplit = "parameters that differ by path, or are not finite, enter the quadratic part or decide on it"
         return Structure(
             ndof=n,
             separable=separable,

@@ -161,6 +161,7 @@ def _derived(
             "t": None,
             "invariants": (),
             "n": None,
+            "split": None,
             "ends": "free",
             "damping": None,
             "force": force or None,
