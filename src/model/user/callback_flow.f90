@@ -46,7 +46,7 @@ module symsde_model_user_callback_flow
          real(c_double), intent(in) :: w(nlane, nham, nstep)
          !> Each (nlane, columns, nstep), or NULL; decays of damped steps at place_of_decays, else NULL; and
          !> flows of a quadratic part at place_of_turns.
-         type(c_ptr), intent(in) :: functionals(nfunctional + 2)
+         type(c_ptr), intent(in) :: functionals(nfunctional + 3)
          real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(c_double), intent(out) :: qn(nlane, ndof, nstep/every), pn(nlane, ndof, nstep/every)
          integer(c_int64_t), intent(inout) :: status(nlane)  !! 0, or a status of the lane
@@ -109,7 +109,7 @@ contains
       integer(i4), intent(out) :: code
       real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :)
       real(wp), target :: decays(5)
-      type(c_ptr) :: functionals(nfunctional + 2)
+      type(c_ptr) :: functionals(nfunctional + 3)
       integer :: f
 
       call spoil(size(qn), qn, pn)
