@@ -349,7 +349,7 @@ enum symsde_damping_noise {
    SYMSDE_DAMPING_NOISE_LAW = 0,        /* LAW2, or LAW3 if the scheme draws K, as chin4a does */
    SYMSDE_DAMPING_NOISE_LAW2 = 1,       /* exact law, from dW and dZ */
    SYMSDE_DAMPING_NOISE_LAW3 = 2,       /* exact law, from dW, dZ and K */
-   SYMSDE_DAMPING_NOISE_PATH = 3,       /* noise of the path itself, with one rate: steps and their halves agree; draws K and E */
+   SYMSDE_DAMPING_NOISE_PATH = 3,       /* of the path itself, one rate: steps and their halves agree; draws K, E */
    SYMSDE_DAMPING_NOISE_POLYNOMIAL = 4  /* weights as without damping: orders hold, the law of free motion does not */
 };
 

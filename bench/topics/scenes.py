@@ -45,7 +45,8 @@ def measure(setting: Setting) -> list[dict]:
             ctypes.c_double(STEP),
         )
         arrays = (ctypes.c_void_p(x.ctypes.data) for x in (given, q0, *ends))
-        ours = partial(library(scene.model() if scene.name else scene.formula(), scheme, PATHS, STEP, q0=q0, seed=1), steps)
+        model = scene.model() if scene.name else scene.formula()
+        ours = partial(library(model, scheme, PATHS, STEP, q0=q0, seed=1), steps)
         limit = partial(getattr(programs, function), *whole, *arrays)
         limit()
         apart = np.abs(ours().q[-1] - ends[0].transpose(1, 0, 2).reshape(n, PATHS)).max()

@@ -2,6 +2,8 @@
 """Kicks by functions of the actions (q_k^2 + p_k^2)/2 between exact flows of a quadratic coupling: every plane
 (q_k, p_k) turns by an angle of its own."""
 
+import warnings
+
 import axes
 import numpy as np
 import pytest
@@ -150,3 +152,13 @@ def test_what_is_refused():
     pushed = spins.model().forced(lambda q, p, t: -q, position_force=True)
     with pytest.raises(errors.IncompatibleError, match="do not commute with a force"):
         ss.simulate(pushed, scheme="gauss_dkdkd", **given)
+
+
+def test_long_steps_of_turns_need_no_warning():
+    """Drift and turns are exact at any h, so no frequency limits the step; the midpoint rule is warned of."""
+    how = {"q0": [0.5, 0.2, -0.4], "p0": [0.1, 0.3, 0.2], "step": 2.0, "steps": 1, "paths": 4, "seed": 1}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", errors.DoubtfulRunWarning)
+        ss.simulate(Spins().model(), scheme="gauss_dkdkd", **how)
+    with pytest.warns(errors.DoubtfulRunWarning, match=r"h\*omega"):
+        ss.simulate(Spins().model(), scheme="midpoint", **how)

@@ -191,7 +191,8 @@ def test_the_line_that_goes_on_trusts_what_the_first_one_did(tmp_path, capsys):
     options = SimpleNamespace(scene="a b.toml", shard="1/2", allow_python=True, error_check=False, **given)
     folder = SimpleNamespace(pieces=[1, 2], path=tmp_path)
     assert run_command._stopped(SimpleNamespace(reason="SIGTERM"), options, folder, [1], None) == 4
-    assert f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --paths 4000 --allow-python`" in capsys.readouterr().err
+    asked = f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --paths 4000 --allow-python`"
+    assert asked in capsys.readouterr().err
 
 
 def test_an_empty_part_is_refused(tmp_path, capsys):

@@ -205,7 +205,7 @@ contains
       bounds%frequency_source = 'declared'
       bounds%lipschitz_source = 'declared'
       bounds%nnoise = model%traits%nnoise
-      if (.not. bounds%frequency > 0) then
+      if (.not. (bounds%frequency > 0 .or. (by_part .and. model%traits%kicks_of_actions))) then  ! turns have no limit
          bounds%frequency_source = 'estimated at the initial state'
          call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked, by_part)
          if (looked) bounds%frequency = maxval(sums(:, 2)) + sqrt(maxval(sums(:, 1)))*sqrt(maxval(sums(:, 3)))
