@@ -89,10 +89,6 @@ def rows() -> Iterator[Row]:
     for name in ("phi4_ring64 stormer_verlet", "fpu64 stormer_verlet"):
         yield Row("formula_loop", name, 1000, 0.556, partial(beside_loop, name, 1000, formula=True))
     yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
-    for kind, target in (("heun", 1 / 15), ("splitting", 1 / 40)):
-        words_of = {"heun": "Heun's method", "splitting": "a splitting that keeps the norm"}[kind]
-        name = f"ring of 16 gauss_dkdkd beside {words_of}, rms 1e-3"
-        yield Row("error", name, 64, round(target, 3), partial(on_a_ring, kind))
     yield from rows_that_save()
     yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
     for name in ("kubo midpoint", "fpu64 midpoint"):
@@ -181,17 +177,6 @@ def accurate() -> tuple[Run, Run]:
     kicks = library(scene.model(), "chin4a", 1000, 4 / STEPS["chin4a"])
     taylor = loop(scene, "taylor", 1000, 4 / STEPS["taylor"])
     return lambda n: kicks(n * STEPS["chin4a"]), lambda n: taylor(n * STEPS["taylor"])
-
-
-def on_a_ring(kind: str) -> tuple[Run, Run]:
-    """Kicks that turn phases, and a loop on the same ring, as `accurate`."""
-    import lattice_loops as lattice  # noqa: PLC0415 - it needs numba
-
-    steps = lattice.STEPS["gauss_dkdkd"]
-    model = ss.model_from_sympy(**lattice.formulas())
-    ours = library(model, "gauss_dkdkd", 64, lattice.END / steps, q0=lattice.START)
-    theirs = lattice.run_of(kind, 64)
-    return lambda n: ours(n * steps), theirs
 
 
 def measured(row: Row, repeats: int, seconds: float) -> list[float]:

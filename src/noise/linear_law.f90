@@ -107,7 +107,7 @@ contains
 
       law = 0
       call factorise(n, c, f, pivot, rank)
-      exact = rank <= m*known
+      exact = rank <= known*independent_noises(n, m, means)
       if (.not. exact) return
       ! Y by substitution in the rows of the pivots, where F is triangular.
       allocate (y(rank, m*known))
@@ -134,6 +134,22 @@ contains
          end do
       end do
    end subroutine give_linear_law
+
+   !> How many noises push in different ways: the rank of the means as columns of noises. Further ones have a combination
+   !> that pushes nothing, whose normals rounding alone would tie to what the law lacks.
+   pure integer function independent_noises(n, m, means) result(rank)
+      integer, intent(in) :: n, m
+      real(wp), intent(in) :: means(n, m, 3)
+      real(wp) :: gram(m, m), f(m, m)
+      integer :: pivot(m), j, k
+
+      do k = 1, m
+         do j = 1, m
+            gram(j, k) = sum(means(:, j, :)*means(:, k, :))
+         end do
+      end do
+      call factorise(m, gram, f, pivot, rank)
+   end function independent_noises
 
    !> Y <- (Y Y^T)^(-1/2) Y, whose rows are orthonormal. done is false where some combination of rows vanishes.
    pure subroutine make_orthonormal(n, m, y, done)

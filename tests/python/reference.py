@@ -433,7 +433,7 @@ def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None, split=Non
 def _rest_of_law(model, flow, t, drive, *, kicks, known, shift=None):
     """What the law of the noise of a linear drift adds to that of kicks, if noises are constant: the factor of the
     covariance times the polar factor of the means given dW, a and K; integrals by Gauss' rule, and the polar factor by
-    singular values. Zero where there are fewer normals than dimensions.
+    singular values. Zero where there are fewer normals than dimensions; noises that push alike count once.
     """
     n, m, h = model.ndof, model.nnoise, drive.h
     origin = np.zeros((2 * n, 1))
@@ -452,7 +452,7 @@ def _rest_of_law(model, flow, t, drive, *, kicks, known, shift=None):
     size = np.sqrt(np.einsum("u,uik,uik->i", weight, kernel, kernel))
     value, vector = np.linalg.eigh(np.einsum("u,uik,ujk->ij", weight, kernel, kernel) / np.outer(size, size))
     value, vector = value[value > 1e-12], vector[:, value > 1e-12]
-    if len(value) > known * m:
+    if len(value) > known * np.linalg.matrix_rank(noise, 1e-7):
         return 0.0
     factor = vector * np.sqrt(value)
     means = np.einsum("u,ru,uik->ikr", weight, shape, kernel).reshape(2 * n, -1) / size[:, None]
