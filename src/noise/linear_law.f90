@@ -135,8 +135,8 @@ contains
       end do
    end subroutine give_linear_law
 
-   !> How many noises push in different ways: the rank of the means as columns of noises. Further ones have a combination
-   !> that pushes nothing, whose normals rounding alone would tie to what the law lacks.
+   !> How many noises push in different ways: the rank of the means as columns of noises. Beyond it some combination of
+   !> noises pushes nothing, and rounding alone would tie its normals to what the law lacks.
    pure integer function independent_noises(n, m, means) result(rank)
       integer, intent(in) :: n, m
       real(wp), intent(in) :: means(n, m, 3)

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.batch import scene
-from symsde.errors import IncompatibleError, InvalidArgumentError, OutOfMemoryError, SceneError, WrongShapeError
+from symsde.errors import (
+    IncompatibleError,
+    InvalidArgumentError,
+    MissingOperationError,
+    OutOfMemoryError,
+    SceneError,
+    WrongShapeError,
+)
 
 RATE = 0.8
 TIME = 1.0
@@ -323,7 +330,9 @@ def test_refusals():
     assert run.report.status == 0
     linear = ss.models.kubo().damped(RATE)
     run = ss.simulate(linear, **given)
-    for refused in (ss.diagnose.exact, ss.diagnose.action, ss.diagnose.euler_lagrange_residual):
+    with pytest.raises(MissingOperationError, match="flows that do not commute, and noise that is not constant"):
+        ss.diagnose.exact(run)
+    for refused in (ss.diagnose.action, ss.diagnose.euler_lagrange_residual):
         with pytest.raises(IncompatibleError, match="is damped"):
             refused(run)
     for bad, error, told in (

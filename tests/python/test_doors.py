@@ -189,7 +189,7 @@ def test_the_library_has_the_defaults():
         if type(value) in (int, float, bool):
             assert getattr(options, name) == value and type(value) is not str
     assert set(stated()) == set(inspect.signature(ss.simulate).parameters) - {
-        *("model", "q0", "p0", "step", "steps", "increments", "progress", "q0_low", "p0_low")
+        *("model", "q0", "p0", "step", "steps", "increments", "progress", "q0_low", "p0_low", "save_at")
     }
 
 
@@ -197,6 +197,8 @@ def test_the_library_has_the_defaults():
 #: study
 OF_THEIR_OWN = {
     *(("expect", "scheme"), ("mlmc", "scheme"), ("cite", "scheme")),
+    ("matched", "scheme"),  # without it: of the flow
+    *((law, "seed") for law in ("normal", "uniform", "matched", "canonical", "formula", "table")),  # the run's seed
     *(("convergence", "paths"), ("work_precision", "paths"), ("frequency", "paths"), ("merged_report", "threads")),
 }
 
