@@ -259,6 +259,8 @@ def test_loops_of_brought_scenes_solve_their_formulas(scene):
         parts = np.concatenate([dw / 2, dw / 2], axis=1) if name == "Gauss" else dw
         np.testing.assert_allclose(brought.given(name, where, parts), known, atol=1e-5, rtol=0)
         assert np.abs(brought.given(name, where, 1.01 * parts) - known).max() > 1e-4
+        if scene != "magnetic field":  # loops of all scenes draw alike, and each takes seconds to compile
+            continue
         total = brought.loop(name, where)(np.random.default_rng(5), where.q0, where.p0, h, 3, 1)
         x = np.random.default_rng(5).normal(0, math.sqrt(h), (3, where.noises, 2 if name == "Gauss" else 1))
         drawn = np.concatenate([x.sum(axis=2), x[..., 0] - x[..., 1]], axis=1) / 2 if name == "Gauss" else x[..., 0]

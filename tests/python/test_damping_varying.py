@@ -18,6 +18,8 @@ from symsde.errors import (
     WrongTypeError,
 )
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 H = "(p1**2 + p2**2)/2 + cos(q1 - q2) + q1**4/4 + q2**2"
 ADDITIVE = ("-0.5*q1", "-0.4*q2 + 0.1*q1")
 POSITION = ("0.3*sin(q1) + 0.1*q2", "0.2*q1*q2")

@@ -20,6 +20,8 @@ from symsde.errors import (
     WrongTypeError,
 )
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 TABLEAUX = ["midpoint", "gauss2", "gauss3", "stormer_verlet", "lobatto2_swapped", "lobatto3", "heun"]
 H, NOISES = 0.1, (0.23, -0.17)
 START = np.array([[0.7, -0.2], [0.4, 0.5]])

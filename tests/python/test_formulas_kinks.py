@@ -14,7 +14,10 @@ sp = pytest.importorskip("sympy")
 
 from symsde.model.formulas import compiler, in_numpy  # noqa: E402
 
-pytestmark = pytest.mark.filterwarnings("ignore::symsde.errors.KinkWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::symsde.errors.KinkWarning"),
+    pytest.mark.usefixtures("quick_compiler"),
+]
 Q = np.array([-1.7, -0.6, -0.2, 0.3, 0.9, 1.4])
 P = np.array([0.4, -0.3, 0.8, -1.1, 0.2, 0.7])
 #: formula -> (value, derivative by q, by p), as functions of q and p

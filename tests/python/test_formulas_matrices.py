@@ -8,6 +8,8 @@ import pytest
 import symsde as ss
 from symsde.errors import InvalidArgumentError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 sp = pytest.importorskip("sympy")
 
 A = sp.Matrix([[2, 1, 0], [1, 3, 0], [0, 0, 1]])

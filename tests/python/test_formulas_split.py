@@ -9,6 +9,8 @@ import symsde as ss
 from symsde import errors
 from symsde.model.formulas.formula_scenes import from_table
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 FIELD = "((p1 + b*q2)**2 + (p2 - b*q1)**2)/2"
 STATE = {"q0": [1.0, 0.0], "p0": [0.0, 0.5], "seed": 3, "step": 0.05, "steps": 40, "paths": 20}
 VALUES = {"b": 1.5, "s": 0.3}

@@ -91,7 +91,7 @@ KEYS = {
     "seed": "12", "save_every": "25", "refine": "1", "first_path": "256", "first_step": "7", "correction": '"none"',
     "truncation": "[1.2, 1.0]", "compensated": "true", "threads": "1", "general": "true", "fixed_point": "9",
     "max_iter": "50", "lanes": "64", "areas": '"law"', "area_time": "2.0", "damping_noise": '"path"',
-    "common_noise": "[2]",
+    "common_noise": "[2]", "save_at": "[0.2, 1.0, 10.0]",
 }  # fmt: skip
 
 
@@ -105,9 +105,11 @@ def test_every_key_of_a_run_reaches_it(file):
         scheme = {"areas": "midpoint_areas", "damping_noise": "gauss_dkdkd"}.get(key, "midpoint")  # uses the key
         head = head.replace("[model]\n", "[model]\ndamping = 0.5\n") if key == "damping_noise" else head
         run, default = run.replace('"midpoint"', f'"{scheme}"'), {**default, "scheme": scheme}
-        kept = "".join(line for line in run.splitlines(True) if not line.startswith(f"{key} ="))
+        gone = {key, "save_every"} if key == "save_at" else {key}  # one of both
+        kept = "".join(line for line in run.splitlines(True) if line.partition(" =")[0] not in gone)
         loaded = scene.load(file(text=f'{head}[run]\n{key} = {text}\n{kept}[output]\npaths = "all"'))
-        given = {**default, key: tuple(value) if isinstance(value, list) else value}
+        given = {name: x for name, x in default.items() if name not in gone}
+        given[key] = tuple(value) if isinstance(value, list) else value
         mine, known = paths_of(loaded), ss.simulate(loaded.model, **given)
         assert mine.setup.attributes() == known.setup.attributes(), key
         for name in ("t", "path", "q", "p", "status"):
