@@ -107,7 +107,7 @@ contains
       real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(steps%nlane)
       integer(i4), intent(out) :: code
-      real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :)
+      real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :), turns(:)
       real(wp), target :: decays(5)
       type(c_ptr) :: functionals(nfunctional + 3)
       integer :: f
@@ -123,7 +123,8 @@ contains
       decays(2:3) = steps%decays%beta
       decays(4:5) = steps%decays%gamma
       if (map%damped) functionals(place_of_decays) = c_loc(decays)
-      if (associated(steps%turns)) functionals(place_of_turns) = c_loc(steps%turns)
+      turns => steps%turns
+      if (associated(turns)) functionals(place_of_turns) = c_loc(turns)
       w => steps%w
       associate (s => steps)
          code = self%slots(self%place_of(map))%take(s%nlane, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, &
