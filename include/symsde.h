@@ -514,7 +514,7 @@ typedef int (*symsde_path_function)(int64_t first, int lanes, int ndof, int ntim
  * a path failed. Their means are the gradient of E f. `wide` has the positions q_1 .. q_n and the parameters, as many
  * momenta, and the Hamiltonians of `model`, which do not depend on momenta of parameters; without parameters it is the
  * model itself. parameters[nparameter][nrow]: their values, nrow = paths or 1. Behind them, ndof more stand for the rates
- * of a damped model, for derivatives by these; their values are not read. f is called for the paths of a block by any
+ * of damping, for derivatives by these; their values are not read. f is called for the paths of a block by any
  * thread, or for all paths in runs too long to be kept. Models and schemes without exact derivatives are refused. */
 int symsde_path_gradient(symsde_model model, symsde_model wide, symsde_scheme scheme, const symsde_options *options,
                          const symsde_input *input, int nparameter, int64_t nrow, const double *parameters,

@@ -118,8 +118,8 @@ int main(void) {
    EXPECT(SYMSDE_WRONG_SHAPE, "parameters for 2 paths",
           symsde_path_gradient(model, wide, scheme, &options, &input, 1, 2, value, last_q, NULL, value, by_q, by_p,
                                status, failed_step, NULL, &error));
-   EXPECT(SYMSDE_WRONG_SHAPE, "1 parameters",
-          symsde_path_gradient(model, model, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, by_q, by_p,
+   EXPECT(SYMSDE_WRONG_SHAPE, "2 parameters", /* a single one would be the rate of damping */
+          symsde_path_gradient(model, model, scheme, &options, &input, 2, 1, value, last_q, NULL, value, by_q, by_p,
                                status, failed_step, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter = -1",
           symsde_path_gradient(model, model, scheme, &options, &input, -1, 1, NULL, last_q, NULL, value, by_q, by_p,

@@ -164,7 +164,7 @@ contains
       call check_options(options, error)
       if (allocated(error)) return
       call resolve_task(task, model, scheme, steppers_of(options), error)
-      if (size(theta, 2) == wide%traits%ndof .and. task%damping%acts()) nrate = model%traits%ndof
+      if (size(theta, 2) == wide%traits%ndof) nrate = model%traits%ndof
       call require_linear(task, wide, nrate, error)
       if (allocated(error)) return
       call new_linear_step(step, task, model, wide, nrate, lane_unit)
@@ -176,7 +176,7 @@ contains
          else if (size(theta, 2) /= needed .or. .not. any(size(theta, 1, i8) == [1_i8, options%npath])) then
             call raise(error, wrong_shape, place, 'there are '//to_text(size(theta, 2))//' parameters for '// &
                        to_text(size(theta, 1))//' paths; needed are '//to_text(needed)//', and '// &
-                       to_text(model%traits%ndof)//' more for derivatives by rates of a damped model, for one or '// &
+                       to_text(model%traits%ndof)//' more for derivatives by rates of damping, for one or '// &
                        to_text(options%npath)//' paths')
          end if
       end associate
