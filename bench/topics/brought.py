@@ -16,9 +16,7 @@ from .strong import numba_version, rms, steps_to, told_steps
 from .tools import ABSENT, Setting, at_most, table
 
 ERRORS = (1e-3, 1e-5)
-SCHEMES = (
-    "midpoint", "stormer_verlet", "gauss_dkdkd", "gauss_dkdkd_strong2", "chin4a", "chin4a_strong2", "gauss2_strong32",
-)  # fmt: skip
+SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "gauss_dkdkd_strong2", "chin4a", "chin4a_strong2")
 #: a scheme for the reference, the first that the scene allows
 REFERENCES = ("chin4a_strong2", "chin4a", "gauss_dkdkd_strong2", "gauss2_strong32")
 FINEST, COUNTS = 8192, (16, 32, 64, 128, 256, 512, 1024)
