@@ -184,6 +184,30 @@ def test_canonical():
         ss.simulate(many, q0=bath, p0=bath, paths=3, **RUN)
 
 
+def test_units_of_their_own():
+    """Judges every number beside those of its own coordinate, however large the others are."""
+    model = ss.models.kubo()
+    q, p = ss.states.normal(cov=[[1e-12, 6e-5], [6e-5, 1e4]]).draw(model, 5, seed=SEED)
+    z = np.array([normals(SEED, path, 0) for path in range(5)]).T
+    np.testing.assert_allclose(q[0], 1e-6 * z[0], rtol=1e-12)
+    np.testing.assert_allclose(p[0], 60 * z[0] + 80 * z[1], rtol=1e-12)
+    with pytest.raises(InvalidArgumentError, match="not symmetric"):
+        ss.states.normal(cov=[[1e-12, 6e-5], [7e-5, 1e4]])
+    with pytest.raises(InvalidArgumentError, match="negative eigenvalue"):
+        ss.states.normal(cov=[[1e-12, 1.01e-4], [1.01e-4, 1e4]])
+    stiff, bath = "p1**2/2 + p2**2/2 + k*q1**2/2 + q2**2/2", ss.states.canonical(2.0)
+    q, p = bath.draw(ss.model_from_sympy(stiff, params={"k": 1e12}), 5, seed=SEED)
+    np.testing.assert_allclose(1e6 * q[0], p[0] * z[0] / z[1], rtol=1e-12)
+    for more, word in ((" + q2**4/2000", "potential"), (" + q2*p2/20", "terms with both")):
+        with pytest.raises(IncompatibleError, match=word):
+            bath.draw(ss.model_from_sympy(stiff + more, params={"k": 1e8}), 5)
+    soft = ss.model_from_sympy("p**2/2 + k*(q - 10)**2/2", params={"k": 1e-12})
+    with pytest.raises(InvalidArgumentError, match="do not vanish"):
+        ss.states.matched(0.1).draw(soft, 5)
+    np.testing.assert_allclose(ss.states.matched(0.1, q=10.0).covariance(soft), np.diag([1e5, 1e-7]), rtol=1e-12)
+    assert np.isfinite(ss.states.uniform(-1e308, 1e308).draw(model, 5)).all()
+
+
 def test_formulas_of_variables():
     """Computes states from drawn variables: each variable is that of its counter, of a stream of its own."""
     law = ss.states.formula(

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, WrongShapeError, WrongTypeError
 from ...model.definition import Model
 from ...native import checks
-from .law import NORMAL, UNIFORM, States, drawn, of_both, root_of
+from .law import NORMAL, TOLERANCE, UNIFORM, States, drawn, of_both, root_of
 
 
 class Normal(States):
@@ -30,6 +30,11 @@ class Normal(States):
             if self._cov.ndim != 2 or self._cov.shape[0] != self._cov.shape[1]:
                 raise WrongShapeError(
                     f"cov has shape {self._cov.shape}: give (dof, dof), or (2 dof, 2 dof) for q and p"
+                )
+            scale = np.sqrt(np.abs(np.diag(self._cov)))
+            if (np.abs(self._cov - self._cov.T) > TOLERANCE * np.outer(scale, scale)).any():
+                raise InvalidArgumentError(
+                    "the covariance of initial states is not symmetric: give cov with cov[i, j] = cov[j, i]"
                 )
             root_of(self._cov)
 
@@ -82,11 +87,11 @@ class Uniform(States):
             raise WrongTypeError(
                 "a variable of states.formula is one number: give states.uniform(low, high) with numbers"
             )
-        return float(self._low + self._high) / 2, float(self._high - self._low) / 2
+        return float(self._low / 2 + self._high / 2), float(self._high / 2 - self._low / 2)
 
     def _draw(self, model: Model, t: float, seed: int, where: tuple[int, int], letters: str) -> tuple:
         low, high = (of_both(name, x, model.ndof) for name, x in (("low", self._low), ("high", self._high)))
-        return drawn(UNIFORM, seed, where, (low + high) / 2, ((high - low) / 2)[:, np.newaxis])
+        return drawn(UNIFORM, seed, where, low / 2 + high / 2, (high / 2 - low / 2)[:, np.newaxis])
 
 
 def _finite(name: str, value: Any) -> np.ndarray:

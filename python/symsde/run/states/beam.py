@@ -123,9 +123,11 @@ def _each(name: str, value: np.ndarray, ndof: int) -> np.ndarray:
     return np.broadcast_to(value, (ndof,))
 
 
-def _far(residual: np.ndarray, hessian: tuple[np.ndarray, ...]) -> bool:
-    """Whether a gradient is no rounding error."""
-    return bool(np.abs(residual).max() > _SAME * max(1.0, *(np.abs(x).max() for x in hessian)))
+def _far(gradient: np.ndarray, hessian: tuple[np.ndarray, ...]) -> bool:
+    """Whether a gradient is no rounding error, each component beside its own derivatives."""
+    qq, qp, pp = (np.abs(x[..., 0]) for x in hessian)
+    stiffness = np.block([[qq, qp], [qp.T, pp]]).max(axis=1)
+    return bool((np.abs(gradient[:, 0]) > _SAME * stiffness).any())
 
 
 def _no_rest(why: str) -> InvalidArgumentError:
@@ -207,20 +209,25 @@ def _quadratic(model: Model, t: float, letter: str) -> tuple[np.ndarray, np.ndar
     q, p = x[:n], x[n:]
     qq, qp, pp = model.hessian(q, p, t=t)
     own, place = (qq, 0) if letter == "q" else (pp, 1)
-    scale = np.abs(own).max()
+    # Numbers are judged beside the diagonal of their row and column: coordinates have units of their own.
+    of_q, of_p = (np.sqrt(np.abs(np.einsum("iik->ik", x)).max(axis=1)) for x in (qq, pp))
+    deviations = of_q if letter == "q" else of_p
+    with np.errstate(invalid="ignore"):  # infinite ones are refused below
+        scale = np.outer(deviations, deviations)
+        changes = np.abs(own - own[..., :1]).max(axis=2)
     what = "the potential" if letter == "q" else "the kinetic energy"
-    if not np.isfinite(own).all() or scale == 0 or np.abs(own - own[..., :1]).max() > _SAME * scale:
+    if not np.isfinite(own).all() or not own.any() or (changes > _SAME * scale).any():
         raise IncompatibleError(
             f"states.canonical draws {letter} where H is quadratic in it, and {what} of model {model.name} is not: "
             f"give {letter}0 by another law, or let a run in a heat bath come to its equilibrium"
         )
-    if np.abs(qp).max() > _SAME * max(scale, np.abs(qq).max(), np.abs(pp).max()):
+    if (np.abs(qp).max(axis=2) > _SAME * np.outer(of_q, of_p)).any():
         raise IncompatibleError(
             f"states.canonical draws q and p independently, and H of model {model.name} has terms with both: give "
             "another law, or let a run in a heat bath come to its equilibrium"
         )
     stiffness = own[..., 0]
-    if np.linalg.eigvalsh(stiffness).min() <= _SAME * scale:
+    if (np.diag(stiffness) <= 0).any() or np.linalg.eigvalsh(stiffness / scale).min() <= _SAME:
         raise IncompatibleError(
             f"states.canonical: exp(-beta H) of model {model.name} has no normal law of {letter}, since {what} does "
             f"not grow in every direction: give {letter}0 by another law"

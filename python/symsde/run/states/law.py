@@ -15,7 +15,7 @@ from ...native.checks import address
 
 NORMAL, UNIFORM = 1, 2  #: kinds of numbers in the library
 _MOST = 2**47  #: paths of a run
-_TOLERANCE = 1e-12  #: relative errors of given covariances
+TOLERANCE = 1e-12  #: relative errors of given covariances
 
 
 class States(abc.ABC):
@@ -102,24 +102,23 @@ def of_both(name: str, value: np.ndarray, ndof: int) -> np.ndarray:
 
 
 def root_of(covariance: np.ndarray) -> np.ndarray:
-    """The triangular C with C C^T = covariance, which may be singular; the same bits on every machine."""
-    left = covariance.copy()
-    n, scale = len(left), float(np.abs(np.diag(left)).max(initial=0.0))
-    if not np.allclose(left, left.T, rtol=0.0, atol=_TOLERANCE * scale):
-        raise InvalidArgumentError(
-            "the covariance of initial states is not symmetric: give cov with cov[i, j] = cov[j, i]"
-        )
+    """The triangular C with C C^T = covariance, which may be singular; the same bits on every machine.
+
+    Each number is judged beside the variances of its own row and column: coordinates have units of their own.
+    """
+    left, deviations = covariance.copy(), np.sqrt(np.abs(np.diag(covariance)))
+    n = len(left)
     root = np.zeros((n, n))
     for k in range(n):
-        pivot, column = left[k, k], left[k + 1 :, k]
-        if pivot < -_TOLERANCE * scale or (
-            pivot <= _TOLERANCE * scale and np.abs(column).max(initial=0.0) > 1e-6 * scale
+        pivot, column, least = left[k, k], left[k + 1 :, k], TOLERANCE * deviations[k] ** 2
+        if pivot < -least or (
+            pivot <= least and (np.abs(column) > np.sqrt(TOLERANCE) * deviations[k] * deviations[k + 1 :]).any()
         ):
             raise InvalidArgumentError(
                 "the covariance of initial states has a negative eigenvalue: give a matrix that is not negative in any "
                 "direction"
             )
-        if pivot <= _TOLERANCE * scale:
+        if pivot <= least:
             continue
         root[k, k] = np.sqrt(pivot)
         root[k + 1 :, k] = column / root[k, k]
