@@ -202,7 +202,7 @@ SCENES = {
         _TRIANGLE, _TURNING, _bodies,
     ),
     "phi^4 ring of 64": Scene(
-        "Sum(p[i]**2/2 - q[i]**2/2 + q[i]**4/4, i) + Sum((q[i+1]-q[i])**2/2, i)", ("0.1*q[k]**2",), _WAVE,
+        "Sum(p[i]**2/2 + (q[i+1]-q[i])**2/2 - q[i]**2/2 + q[i]**4/4, i)", ("0.1*q[k]**2",), _WAVE,
         (0.0,) * SITES, _ring, sites=SITES, more={"n": SITES, "ends": "periodic"},
     ),
     "magnetic field": Scene(

@@ -104,6 +104,37 @@ def test_fixed_ends_have_a_bond_before_the_first_site():
     assert three.value(1.0, 0.0)[0] == 1.0
 
 
+@pytest.mark.parametrize("ends", ["fixed", "periodic"])
+@pytest.mark.parametrize(
+    "H",
+    [
+        "Sum(p[i]**2/2 + beta*cos(q[i]) + beta*(q[i+1]-q[i])**4/4, i)",
+        "Sum(p[i+1]**2/2 + beta*(cos(q[i+1]) + (q[i+1]-q[i])**4/4), i)",
+        "beta*Sum(p[i]**2/(2*beta) + cos(q[i]) + (q[i+1]-q[i])**4/4, i)",
+    ],
+)
+def test_one_sum_is_that_of_sites_and_that_of_bonds(H, ends):
+    """Traits, rows and derivatives are those of two sums. The term of a site beyond an end has its value at zero."""
+    apart = "Sum(p[i]**2/2 + beta*cos(q[i]), i) + Sum(beta*(q[i+1]-q[i])**4/4, i)"
+    one, two = (ss.model_from_sympy(h, ["q[k]**2"], params={"beta": 0.8}, n=9, ends=ends) for h in (H, apart))
+    assert one.traits == two.traits
+    assert one.traits.identity_mass
+    run = {"q0": 0.3, "p0": 0.1, "step": 0.1, "steps": 5, "paths": 3, "scheme": "chin4a"}
+    assert ss.simulate(one, **run).report.stepper == ss.simulate(two, **run).report.stepper
+    (value, *slopes), (known, *others) = everything(one, points(one)), everything(two, points(two))
+    for a, b in zip(slopes, others, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
+    weights = points(one)[2][0]
+    np.testing.assert_allclose(value - known, 0.8 * weights * (ends == "fixed"), rtol=0, atol=1e-13)
+
+
+def test_one_sum_at_free_ends_leaves_out_the_last_site():
+    """A bond that is not there takes all terms of its sum with it: the last site has no mass."""
+    one = ss.model_from_sympy("Sum(p[i]**2/2 + (q[i+1]-q[i])**2/2, i)", n=4, ends="free")
+    assert not one.traits.identity_mass
+    np.testing.assert_array_equal(one.gradient(0.0, 1.0)[1].ravel(), [1, 1, 1, 0])
+
+
 @pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
 def test_ends_are_those_of_the_formula_written_out(ends):
     mine, known = chain(ends), written_out(ends)

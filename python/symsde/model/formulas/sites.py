@@ -221,7 +221,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     for j, text in enumerate(texts):
         try:
             family, bodies, rest, sums = _bodies(text, names.known, is_noise=j > 0)
-            for body in bodies:
+            for body in bodies if family else [part for whole in bodies for part in _apart(whole, ends)]:
                 densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
                 at_ends(sums[stand_in], ends, count)  # errors must name the formula that contains the sum
@@ -286,6 +286,40 @@ def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, 
         factors, rest = split(total, list(reader.sums))
         return False, [factor * reader.sums[x] for x, factor in factors.items()], rest, reader.sums
     raise AssertionError
+
+
+def _apart(body: Any, ends: str) -> list[Any]:
+    """A summand in two with the same sum: terms that touch one site each, as of q[i], and all others.
+
+    It stays whole at free ends, where a bond's sites are not all sites, and where the value of a term at zero, which
+    fixed ends count beyond them, is not finite or has no other terms to stand with.
+    """
+    sympy = optional("sympy", "sympy")
+    symbols = offsets_of(body)
+    if ends == "free" or not set(symbols.values()) - {0}:
+        return [body]
+    local, rest = [], []
+    for term in _terms(body, symbols):
+        shifts = {o for x, o in symbols.items() if x in term.free_symbols}
+        if len(shifts) != 1:
+            rest.append(term)
+            continue
+        local.append(term.xreplace({x: sympy.Symbol(f"{x.name[0]}+0", real=True) for x in symbols}))
+        if ends == "fixed":
+            rest.append(term.xreplace(dict.fromkeys(symbols, sympy.Integer(0))))
+            local[-1] -= rest[-1]
+    own, others = sympy.Add(*local), sympy.Add(*rest)
+    if not offsets_of(own) or others.has(sympy.nan, sympy.zoo, sympy.oo) or (others != 0 and not offsets_of(others)):
+        return [body]
+    return [x for x in (own, others) if x != 0]
+
+
+def _terms(e: Any, symbols: Any) -> list[Any]:
+    """The terms of a sum, also of one that is multiplied by what no site has."""
+    factor, own = e.as_independent(*symbols, as_Add=False)
+    if not own.is_Add:
+        return [e]
+    return [x for term in own.args for x in _terms(factor * term, symbols)]
 
 
 def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
