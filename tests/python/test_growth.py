@@ -2,12 +2,15 @@
 """Runs that grow in their folder: the bits of one run of the whole, and no path-step taken twice without need."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import symsde as ss
 from symsde.batch import execute
+from symsde.batch.claims import Claims
 from symsde.cli import command_line
 
 SCENE = """
@@ -199,6 +202,53 @@ def test_killed_while_it_grew(folder, counted, monkeypatch):
         mine, theirs = ss.open_run("killed"), ss.open_run(folder)
         assert np.array_equal(mine.moments.mean_q, theirs.moments.mean_q) and np.array_equal(mine.run.q, theirs.run.q)
     require_whole(folder, steps=40, paths=1280)
+
+
+#: opens the folder `out` for the scene as it stands, grown or not, says so, and waits for a line
+WORKER = """
+import sys
+from pathlib import Path
+from symsde.batch import growth, manifest
+from symsde.batch.folder import RunFolder
+from symsde.batch.scene_pieces import Batch
+
+batch = Batch.of("scene.toml", "out", None)
+record = growth.record_of(manifest.read(Path("out")), batch.scene, batch.size, Path("out"), asked=True)
+with RunFolder.open_to_write("out", record, batch.pieces, batch.scene) as folder:
+    print(folder.path, flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_other_processes_work(folder, capfd):
+    """Is refused while a process works in the folder, which then finds everything as it was; not beside one that has
+    the same run."""
+    before = {x: x.read_bytes() for x in folder.rglob("*") if x.is_file()}
+    for paths, code in ((1024, command_line.BAD_INPUT), (2000, 0)):
+        write(paths=paths)
+        with subprocess.Popen([sys.executable, "-c", WORKER], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+            assert other.stdout.readline()
+            assert go("--paths", "2000") == code
+            assert code == 0 or "another process works in" in capfd.readouterr().err
+            assert code == 0 or before == {x: x.read_bytes() for x in folder.rglob("*") if x.is_file()}
+            if code == 0:
+                assert go("--paths", "3000") == command_line.BAD_INPUT
+            other.communicate(b"\n")
+        assert other.returncode == 0
+    assert go("--paths", "3000") == 0
+    require_whole(folder, paths=3000)
+
+
+def test_other_processes_grow_it_first(folder, monkeypatch, capfd):
+    """Leaves a folder as it is which another process has let grow since its manifest was read."""
+    shutil.copytree(folder, "other")
+    assert go("--paths", "1280", out="other") == 0
+    theirs = Path("other/manifest.json").read_bytes()
+    monkeypatch.setattr(Claims, "take_all", lambda self: (folder / "manifest.json").write_bytes(theirs) > 0)
+    assert go("--paths", "2000") == command_line.BAD_INPUT
+    assert "has let it grow" in capfd.readouterr().err
+    assert (folder / "manifest.json").read_bytes() == theirs
+    assert go("--paths", "1280") == 0
 
 
 def test_parts_grow_and_merge(tmp_path, monkeypatch):

@@ -63,27 +63,44 @@ class RunFolder:
         with files.folder(path) as target:
             if not (target / manifest.NAME).exists():
                 _require_no_results(target)
-            for place in (target, target / "shards"):
-                parts.sweep(place)
             self = cls(target, record, pieces)
-            if grows:
-                files.write_durably(target / manifest.NAME, manifest.to_bytes(record), keep=False)
-            if scene is not None:
-                # A run that grew may have a new scene, and may have been killed before that was written.
-                here = growth.KEY not in record
-                files.write_durably(target / "scene.toml", Path(scene.file).read_bytes(), keep=here)
-                for name, source in manifest.files_beside(scene):
-                    (target / name).parent.mkdir(parents=True, exist_ok=True)
-                    parts.sweep((target / name).parent)
-                    files.write_durably(target / name, source.read_bytes())
-            if not files.write_durably(target / manifest.NAME, manifest.to_bytes(record)):
-                manifest.require_same(manifest.read(target), record, target)
-            (target / "shards").mkdir(exist_ok=True)
             self._claims = Claims(target / ".claims")
             try:
+                if grows:
+                    self._grow()
+                else:
+                    self._claims.share()
+                self._begin(scene)
                 yield self
             finally:
                 self._claims.close()
+
+    def _grow(self) -> None:
+        """Write the manifest of the run that has grown, unless another process works in the folder or was first."""
+        if self._claims.take_all() and growth.came_from(self.record, manifest.read(self.path)):
+            files.write_durably(self.path / manifest.NAME, manifest.to_bytes(self.record), keep=False)
+        self._claims.share()
+        if manifest.differences(manifest.read(self.path), self.record):
+            raise SceneError(
+                f"another process works in {self.path}, or has let it grow: wait for its end, then repeat the command"
+            )
+
+    def _begin(self, scene: Scene | None) -> None:
+        """Write what a folder has before its first shard, as far as it is not there."""
+        target, record = self.path, self.record
+        for place in (target, target / "shards"):
+            parts.sweep(place)
+        if scene is not None:
+            # A run that grew may have a new scene, and may have been killed before that was written.
+            here = growth.KEY not in record
+            files.write_durably(target / "scene.toml", Path(scene.file).read_bytes(), keep=here)
+            for name, source in manifest.files_beside(scene):
+                (target / name).parent.mkdir(parents=True, exist_ok=True)
+                parts.sweep((target / name).parent)
+                files.write_durably(target / name, source.read_bytes())
+        if not files.write_durably(target / manifest.NAME, manifest.to_bytes(record)):
+            manifest.require_same(manifest.read(target), record, target)
+        (target / "shards").mkdir(exist_ok=True)
 
     def shard_path(self, piece: Piece) -> Path:
         """The path of a piece's shard."""
