@@ -44,8 +44,8 @@ ratios. [The tables](performance-tables.md) say on which machine this was measur
   ([threads](performance-tables.md#threads)).
 - **Size.** Time grows in proportion to paths, steps, noises and, in chains and mean fields, degrees of freedom
   ([growth](performance-tables.md#growth)).
-- **Structure.** Formulas show what has an exact flow: magnetic fields, couplings of lattices, noise at each site. In such
-  scenes a given error takes a half to a seventh of the time of an expert's loop with the same normals
+- **Structure.** Formulas show what has an exact flow: magnetic fields, couplings of lattices, noise at each site. In
+  such scenes a given error takes a half to a seventh of the time of an expert's loop with the same normals
   ([scenes that users bring](performance-tables.md#scenes-that-users-bring)).
 - **Damping.** It takes little time; kicks come to a given error in a fraction of the time of splittings such as BAOAB
   ([damped systems](performance-tables.md#damped-systems-beside-other-packages)).
