@@ -326,6 +326,8 @@ def test_a_far_lane_changes_no_other():
         ("Sum(q[i], beta)", {}, "sums over beta, which means something else"),
         ("2*beta", {}, "holds no Sum"),
         (FPU, {"noise": ["q[k+1]"]}, "reaches beyond free ends"),
+        ("Sum(1/q[i] + (q[i+1]-q[i])**2, i)", {"ends": "fixed"}, "is not finite beyond fixed ends.*sum of their own"),
+        ("Sum(log(q[i])*q[i+1], i)", {"ends": "fixed"}, "is not finite beyond fixed ends"),
         (FPU, {"params": {"q": 1.0}}, "'q' is a coordinate of sites"),
         (3, {}, "is no text"),
     ],

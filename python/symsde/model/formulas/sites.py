@@ -292,7 +292,7 @@ def _apart(body: Any, ends: str) -> list[Any]:
     """A summand in two with the same sum: terms that touch one site each, as of q[i], and all others.
 
     It stays whole at free ends, where a bond's sites are not all sites, and where the value of a term at zero, which
-    fixed ends count beyond them, is not finite or has no other terms to stand with.
+    fixed ends count beyond them, has no other terms to stand with.
     """
     sympy = optional("sympy", "sympy")
     symbols = offsets_of(body)
@@ -309,7 +309,7 @@ def _apart(body: Any, ends: str) -> list[Any]:
             rest.append(term.xreplace(dict.fromkeys(symbols, sympy.Integer(0))))
             local[-1] -= rest[-1]
     own, others = sympy.Add(*local), sympy.Add(*rest)
-    if not offsets_of(own) or others.has(sympy.nan, sympy.zoo, sympy.oo) or (others != 0 and not offsets_of(others)):
+    if not offsets_of(own) or (others != 0 and not offsets_of(others)):
         return [body]
     return [x for x in (own, others) if x != 0]
 
@@ -353,6 +353,12 @@ def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[t
     for back in range(1 - after, 1 - low if every_site else 1):  # some neighbours lie beyond the last site
         cut = body.xreplace({x: 0 for x, o in symbols.items() if back + o > 0})
         pieces.append((cut, Place(back, from_last=True), Place(back, from_last=True)))
+    sympy = optional("sympy", "sympy")
+    if any(cut.has(sympy.nan, sympy.oo, -sympy.oo, sympy.zoo) for cut, *_ in pieces):
+        raise FormulaTextError(
+            "it is not finite beyond fixed ends, where q and p are zero: write terms of single sites, as 1/q[i], in a "
+            "sum of their own"
+        )
     return pieces
 
 
