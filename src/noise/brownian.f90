@@ -36,6 +36,7 @@ module symsde_noise_brownian
    use symsde_noise_integrals, only: fill_pair
    use symsde_noise_levels, only: normals_of, sum_finer, halve_coarser, carry
    use symsde_noise_normal, only: normal_stream, scaled_normal_steps, scaled_normals_at, pairs_of_steps
+   use symsde_noise_philox, only: purpose_increment
    use symsde_noise_source, only: noise_type
    implicit none
    private
@@ -46,7 +47,6 @@ module symsde_noise_brownian
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
    integer, parameter :: most_at_once = 256  !! lanes of the generator for several noises of few paths
-   integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
 
    !> A source is immutable: all threads fill their stores from the same source.
    type, extends(noise_type) :: brownian_noise

@@ -10,13 +10,10 @@ module symsde_noise_discrete
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_three_point
    use symsde_noise_normal, only: uniform_open_lanes
-   use symsde_noise_philox, only: philox_lanes, philox_lanes_at
+   use symsde_noise_philox, only: philox_lanes, philox_lanes_at, purpose_discrete, purpose_sign
    implicit none
    private
    public :: discrete_pairs, sign_pairs
-
-   integer, parameter :: purpose_discrete = 6  !! counter word of these draws
-   integer, parameter :: purpose_sign = 10 !! purpose of the signs of areas, whose noise word is the index of the pair
 
 contains
 

@@ -25,22 +25,10 @@ module symsde_noise_integral_draws
    use symsde_noise_normal, only: normal_stream, &
                                   scaled_normal_pairs, scaled_normal_column, scaled_normals_at, scaled_pairs_at, &
                                   pairs_of_steps
+   use symsde_noise_philox, only: purpose_increment, purpose_shape, purpose_stt_area, purpose_rest
    implicit none
    private
    public :: integral_draws, fill_direct, shape_draws, draw, draw_rests
-   public :: purpose_increment, purpose_shape, purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
-   public :: purpose_decay, purpose_second_decay
-
-   ! counter words; 1 is for the bridge of W alone, 2 for the oscillator
-   integer, parameter :: purpose_increment = 0  !! dW at the finest step
-   integer, parameter :: purpose_shape = 3      !! H at the finest step
-   integer, parameter :: purpose_halving = 4    !! Z of a halving
-   integer, parameter :: purpose_halves = 5     !! N of a halving, or M
-   integer, parameter :: purpose_stt_area = 6       !! K at the finest step
-   integer, parameter :: purpose_stt_halving = 7      !! D of a halving
-   integer, parameter :: purpose_decay = 9         !! xi of D at the finest step, and of the first half in a halving
-   integer, parameter :: purpose_second_decay = 10  !! xi of the second half
-   integer, parameter :: purpose_rest = 8 !! normal term of an area in law; its noise word is the index of the pair
 
    !> The arguments of all draws of a run.
    type :: integral_draws

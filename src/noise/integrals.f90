@@ -45,9 +45,9 @@ module symsde_noise_integrals
    use symsde_noise_discrete, only: discrete_pairs, sign_pairs
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, decay_values, merge_intervals
    use symsde_noise_normal, only: normal_stream
-   use symsde_noise_integral_draws, only: integral_draws, draw, draw_rests, purpose_increment, purpose_shape, &
-                                          purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving, &
-                                          purpose_decay, purpose_second_decay
+   use symsde_noise_integral_draws, only: integral_draws, draw, draw_rests
+   use symsde_noise_philox, only: purpose_increment, purpose_shape, purpose_halving, purpose_halves, purpose_stt_area, &
+                                  purpose_stt_halving, purpose_decay, purpose_second_decay
    implicit none
    private
    public :: fill_pair

@@ -12,13 +12,12 @@ module symsde_noise_levels
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded, lane_unit
    use symsde_noise_normal, only: normal_stream, scaled_normal_column, scaled_normals_at, pairs_of_steps
+   use symsde_noise_philox, only: purpose_increment, purpose_bridge
    implicit none
    private
    public :: normals_of, sum_finer, halve_coarser, carry
 
    integer, parameter :: most_ahead = 64  !! lanes of the generator for few paths
-   integer, parameter :: purpose_increment = 0    !! counter word of the draws of increments
-   integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
    !> The draws of one noise for the lanes of a block.
    type :: normals_of

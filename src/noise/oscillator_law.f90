@@ -22,11 +22,11 @@
 module symsde_noise_oscillator_law
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_philox, only: purpose_oscillator
    implicit none
    private
    public :: oscillator_coefficients, oscillator_law, oscillator_integrals, oscillator_draws
 
-   integer(i4), parameter :: purpose_oscillator = 2  !! counter word of these draws
    real(wp), parameter :: series_bound = 8           !! largest |h| for which series are summed
    integer, parameter :: nterm = 30                  !! terms of a Bessel function: 8^30/(30! 65!!/5!!) < 1e-40
    integer, parameter :: norder = 30                 !! terms of a sum: (4^30/61!!)^2 < 1e-42

@@ -26,6 +26,24 @@ module symsde_noise_philox
 
    integer(i4), parameter :: counter_map_version = 2  !! recorded with every result
 
+   ! Purposes in use, each of one kind of draws. A run has discrete increments or K, never both: these may share one.
+   integer(i4), parameter, public :: purpose_increment = 0       !! dW at the finest step
+   integer(i4), parameter, public :: purpose_bridge = 1          !! dW of a halving without functionals
+   integer(i4), parameter, public :: purpose_oscillator = 2      !! rests of exact solutions
+   integer(i4), parameter, public :: purpose_shape = 3           !! H at the finest step
+   integer(i4), parameter, public :: purpose_halving = 4         !! Z of a halving
+   integer(i4), parameter, public :: purpose_halves = 5          !! N of a halving, or M
+   integer(i4), parameter, public :: purpose_stt_area = 6        !! K at the finest step
+   integer(i4), parameter, public :: purpose_discrete = 6        !! increments of a discrete law
+   integer(i4), parameter, public :: purpose_stt_halving = 7     !! D of a halving
+   integer(i4), parameter, public :: purpose_rest = 8            !! normal terms of areas; their noise is a pair's index
+   integer(i4), parameter, public :: purpose_passage = 9         !! numbers that decide on passages within a step
+   integer(i4), parameter, public :: purpose_sign = 10           !! signs of areas; their noise is a pair's index
+   integer(i4), parameter, public :: purpose_normal_state = 11   !! normal initial states
+   integer(i4), parameter, public :: purpose_uniform_state = 12  !! uniform initial states
+   integer(i4), parameter, public :: purpose_decay = 13          !! xi of D_k at the finest step, or of a first half
+   integer(i4), parameter, public :: purpose_second_decay = 14   !! xi of D_k in the second half of a halving
+
    integer(i8), parameter :: low32 = int(z'FFFFFFFF', i8)
    integer(i8), parameter :: low16 = int(z'FFFF', i8)
    integer(i8), parameter :: multiplier(2) = [int(z'D2511F53', i8), int(z'CD9E8D57', i8)]

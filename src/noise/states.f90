@@ -14,7 +14,7 @@ module symsde_noise_states
    use symsde_base_status, only: error_type, raise, invalid_argument, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_noise_normal, only: normal_pairs, uniform_open_lanes
-   use symsde_noise_philox, only: philox_lanes
+   use symsde_noise_philox, only: philox_lanes, purpose_normal_state, purpose_uniform_state
    implicit none
    private
    public :: draw_states, normal_states, uniform_states
@@ -22,8 +22,6 @@ module symsde_noise_states
    integer, parameter :: normal_states = 1   !! standard normal numbers z
    integer, parameter :: uniform_states = 2  !! numbers z between -1 and 1
 
-   integer, parameter :: purpose_normal = 11   !! counter word of normals
-   integer, parameter :: purpose_uniform = 12  !! counter word of uniforms
    integer, parameter :: nlane = 256           !! paths at a time
    integer, parameter :: most_dof = 2**20      !! noises of the counter
    integer, parameter :: most_streams = 64     !! levels of the counter
@@ -120,9 +118,9 @@ contains
       integer(i8) :: words(nlane, 4)
 
       if (law == normal_states) then
-         call normal_pairs(nlane, seed, path, 0_i8, noise, stream, purpose_normal, of_q, of_p)
+         call normal_pairs(nlane, seed, path, 0_i8, noise, stream, purpose_normal_state, of_q, of_p)
       else
-         call philox_lanes(nlane, seed, path, 0_i8, noise, stream, purpose_uniform, words)
+         call philox_lanes(nlane, seed, path, 0_i8, noise, stream, purpose_uniform_state, words)
          call uniform_open_lanes(nlane, words, of_q, of_p)
          of_q = 2*of_q - 1
          of_p = 2*of_p - 1

@@ -3,12 +3,10 @@
 !> the probability, and a random number decides.
 module symsde_ensemble_observe_bridges
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_philox, only: philox_lanes
+   use symsde_noise_philox, only: philox_lanes, purpose_passage
    implicit none
    private
    public :: bridge_chances, deciding_numbers
-
-   integer(i4), parameter :: purpose_passage = 9  !! counter word of the numbers that decide
 
 contains
 
