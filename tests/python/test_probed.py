@@ -9,6 +9,7 @@ import symsde as ss
 from symsde import errors
 
 RUN = {"q0": 0.8, "p0": -0.3, "step": 0.1, "steps": 6, "paths": 3, "seed": 4}
+LONG = RUN | {"steps": 1000, "save_every": 1000}  #: steps from which a run probes for advice
 
 
 def pendulum(t, w, q, p):
@@ -49,17 +50,37 @@ def model(gradient, ndof=1, nnoise=0, **more):
     ],
 )
 def test_advice(scheme, left):
-    (told,) = ss.simulate(model(pendulum, nnoise=1), scheme=scheme, **RUN).report.warnings
+    (told,) = ss.simulate(model(pendulum, nnoise=1), scheme=scheme, **LONG).report.warnings
     assert "hold: separable, identity_mass, position_noise. " in told
     assert f"Steps of {scheme} then leave out {left}. A probe proves none" in told
 
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "midpoint"])
 def test_no_advice_where_nothing_is_saved(scheme):
-    assert not ss.simulate(model(coupled, nnoise=1), scheme=scheme, **RUN).report.warnings
+    assert not ss.simulate(model(coupled, nnoise=1), scheme=scheme, **LONG | {"step": 0.001}).report.warnings
     declared = model(pendulum, nnoise=1, position_noise=True)
-    assert not ss.simulate(declared, scheme=scheme, **RUN).report.warnings
-    assert not ss.simulate(model(pendulum, nnoise=1, traits="probed"), scheme=scheme, **RUN).report.warnings
+    assert not ss.simulate(declared, scheme=scheme, **LONG).report.warnings
+    assert not ss.simulate(model(pendulum, nnoise=1, traits="probed"), scheme=scheme, **LONG).report.warnings
+
+
+def test_short_runs_do_not_pay_for_advice():
+    """Advice takes some tens of gradients: as many as a short run, and as ten times a single step."""
+    calls = [0]
+
+    def counted(t, w, q, p):
+        calls[0] += 1
+        return pendulum(t, w, q, p)
+
+    asked, told = [], []
+    for steps in (998, 999, 1000):
+        calls[0] = 0
+        told.append(
+            ss.simulate(model(counted, nnoise=1), **RUN | {"steps": steps, "save_every": steps}).report.warnings
+        )
+        asked.append(calls[0])
+    assert [len(x) for x in told] == [0, 0, 1]
+    step, advice = np.diff(asked)
+    assert step < 20 < advice - step
 
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "midpoint", "gauss_dkdkd"])

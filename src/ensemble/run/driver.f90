@@ -152,7 +152,7 @@ contains
                            self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
                            self%report%lost_variance, self%report%warnings)
       call warn_of_undeclared(self%report%warnings, model, self%factory%task, self%runners(1)%stepper%explicit, &
-                              options%t0, q0(1, :), p0(1, :))
+                              options%nstep*((options%npath - 1)/self%report%nlane + 1), options%t0, q0(1, :), p0(1, :))
       call observer%add_warnings(self%report%warnings)
       self%report%seconds_setup = seconds() - start
    end subroutine new_ensemble

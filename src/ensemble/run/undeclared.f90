@@ -4,7 +4,7 @@
 !>
 !> Private to its family.
 module symsde_ensemble_run_undeclared
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_text, only: add_line => append_line, to_text
    use symsde_base_traits, only: model_traits, dense
    use symsde_model_abstract, only: model_type
@@ -17,19 +17,25 @@ module symsde_ensemble_run_undeclared
    private
    public :: warn_of_undeclared
 
+   integer(i8), parameter :: worth_a_probe = 1000  !! steps of blocks: the probe takes as many gradients as some tens
+
 contains
 
-   !> Add a sentence to the warnings, if declared traits would save work in the steps of this task.
-   subroutine warn_of_undeclared(text, model, task, explicit, t, q0, p0)
+   !> Add a sentence to the warnings, if declared traits would save work in the steps of this task. Short runs get no
+   !> advice, which would cost as much as they do.
+   subroutine warn_of_undeclared(text, model, task, explicit, nstep, t, q0, p0)
       character(:), allocatable, intent(inout) :: text
       class(model_type), intent(in) :: model
       type(stepper_task), intent(in) :: task
       logical, intent(in) :: explicit            !! whether the step calls no solver as it is
+      integer(i8), intent(in) :: nstep           !! steps of all blocks; 0: any number follows
       real(wp), intent(in) :: t, q0(:), p0(:)    !! time, and state of one path (ndof)
       type(model_traits) :: found
       character(:), allocatable :: saved, names
       logical :: decided
 
+      if (nstep > 0 .and. nstep < worth_a_probe) return
+      if (explicit .and. task%correction == correction_none) return
       if (is_built_in(model) .or. model%passed%is_kept() .or. says_something(model%traits)) return
       call find_traits(model, t, q0, p0, found, decided)
       if (.not. decided) return
