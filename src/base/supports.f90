@@ -131,28 +131,30 @@ contains
       integer :: c, i, k
 
       if (.not. supports%are_given()) then
-         colour = [(i, i=1, size(noises))]
-      else
-         if (far) call turn(supports, nnoise, ndof, at)
-         colour = 0
-         c = 0
-         ! last(i): the newest colour that i excludes. Colours are filled one after the other.
-         last = 0
-         do while (any(colour == 0))
-            c = c + 1
-            do k = 1, size(noises)
-               if (colour(k) > 0) cycle
-               associate (dof => supports%dof(supports%from(noises(k)) + 1:supports%from(noises(k) + 1)))
-                  if (any(last(dof) == c)) cycle
-                  do i = 1, size(dof)
-                     last(max(dof(i) - reach, 1):min(dof(i) + reach, ndof)) = c
-                  end do
-                  if (far) call exclude_around(supports, at, dof, c, last)
-               end associate
-               colour(k) = c
-            end do
-         end do
+         colours%n = size(noises)
+         colours%from = [(i, i=0, size(noises))]
+         colours%noise = noises
+         return
       end if
+      if (far) call turn(supports, nnoise, ndof, at)
+      colour = 0
+      c = 0
+      ! last(i): the newest colour that i excludes. Colours are filled one after the other.
+      last = 0
+      do while (any(colour == 0))
+         c = c + 1
+         do k = 1, size(noises)
+            if (colour(k) > 0) cycle
+            associate (dof => supports%dof(supports%from(noises(k)) + 1:supports%from(noises(k) + 1)))
+               if (any(last(dof) == c)) cycle
+               do i = 1, size(dof)
+                  last(max(dof(i) - reach, 1):min(dof(i) + reach, ndof)) = c
+               end do
+               if (far) call exclude_around(supports, at, dof, c, last)
+            end associate
+            colour(k) = c
+         end do
+      end do
       colours%n = maxval([0, colour])
       allocate (colours%from(colours%n + 1), colours%noise(size(noises)))
       colours%from(1) = 0

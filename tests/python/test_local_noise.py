@@ -118,6 +118,8 @@ def test_formulas_say_what_noises_touch():
     with pytest.warns(errors.OwnNoiseWarning):
         bath = ss.thermostat(few, beta=1.0, gamma=0.1)
     assert bath.traits.touches == ((2,), (2,), (), (1,), (2,))
+    still = ss.thermostat(ss.models.fpu_chain(n=2, sigma=0.0), beta=1.0, gamma=0.1)
+    assert still.traits.touches == ((), (), (1,), (2,))
 
 
 @pytest.mark.parametrize("count", [3, 40])
@@ -253,3 +255,27 @@ def test_work_of_brackets_does_not_grow_with_sites():
     for gradients, products in counts:
         assert abs(gradients - 1.5 * products) <= 0.1 * gradients
     assert counts[1][0] <= 1.3 * counts[0][0]
+
+
+@pytest.mark.parametrize("lists", ["sites", "bonds", "mixed"])
+def test_pushes_of_noises_that_do_not_meet_are_read_together(lists):
+    """The law of linear damped drifts, with unequal rates: one gradient has the pushes of all noises of a colour."""
+    calls = [0]
+    of = Ring(LOCAL[lists], "one").of * (0.5 + 0.1 * np.arange(N)[:, None])
+
+    def gradient(t, w, q, p):
+        calls[0] += 1
+        return w[0] * q**3 + of.T @ w[1:], w[0] * p
+
+    runs, asked = [], []
+    for touches in (numbered(LOCAL[lists]), None):
+        model = ss.Model(ndof=N, nnoise=N, gradient=gradient, identity_mass=True, additive=True, position_noise=True,
+                         separable=True, touches=touches).damped(np.linspace(0.1, 2.0, N))  # fmt: skip
+        given = {"q0": 0.3, "p0": 0.2, "step": 0.5, "paths": 4, "seed": 2, "scheme": "verlet_kdk", "threads": 1}
+        run = ss.prepare(model, **given)
+        calls[0] = 0
+        runs.append(run.run(1))
+        asked.append(calls[0])
+    np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(runs[0].p, runs[1].p, rtol=0, atol=1e-14)
+    assert asked[1] - asked[0] == N - {"sites": 1, "bonds": 2, "mixed": 3}[lists]

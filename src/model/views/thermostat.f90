@@ -156,10 +156,10 @@ contains
          if (allocated(inner%traits%silent)) silent(:m) = inner%traits%silent
          silent(m + 1:) = self%sigma <= 0
          call move_alloc(silent, self%traits%silent)
-         ! Noise m + i touches degree of freedom i alone.
+         ! Noise m + i touches degree of freedom i alone, and silent noises touch none.
          associate (touches => self%traits%touches)
-            if (m == 0) then
-               touches%from = [(i, i=0, n)]
+            if (quiet) then
+               touches%from = [(0, i=1, m), (i, i=0, n)]
                touches%dof = [(i, i=1, n)]
             else if (touches%are_given()) then
                touches%from = [inner%traits%touches%from, (inner%traits%touches%from(m + 1) + i, i=1, n)]

@@ -19,6 +19,7 @@ module symsde_step_open_linear_noise
    use symsde_base_kinds, only: wp
    use symsde_base_matrices, only: multiply, exponential_less_one
    use symsde_base_record, only: step_record
+   use symsde_base_supports, only: noise_colours, sort_noises
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times
    use symsde_model_probe_noise_time, only: noise_changes_in_time
@@ -159,8 +160,11 @@ contains
       real(wp), allocatable :: mass(:, :)      !! M^-1, (ndof, ndof), or its diagonal (ndof, 1)
       real(wp), allocatable :: push(:)         !! elements of -H_k,q that are not zero
       integer, allocatable :: of_noise(:), of_dof(:)
+      integer, allocatable :: acting(:)        !! noises that are not silent
+      integer, allocatable :: touched(:)       !! degrees of freedom that a noise may push
+      type(noise_colours) :: colours
       real(wp) :: w(1, 0:ham%nnoise)
-      integer :: root(ham%ndof), i, j, k, lane, count
+      integer :: root(ham%ndof), c, i, j, k, l, lane, count
 
       do lane = 1, ham%nlane
          if (all(abs(q(lane, :)) <= huge(t))) exit
@@ -189,27 +193,39 @@ contains
                mass(:, j) = v(1, :)
             end do
          end if
-         ! Noises and what they push. Each of a part has the first degree of freedom of the part as its root.
+         ! Noises and what they push: those of one colour touch no degree of freedom together, so that one gradient has
+         ! the pushes of all. Each of a part has the first degree of freedom of the part as its root.
          root = [(i, i=1, n)]
          p = 0
          w = 0
          count = 0
          allocate (push(n), of_noise(n), of_dof(n))
-         do k = 1, ham%nnoise
-            w(1, k) = 1
-            call ham%bare_gradient(1, t, w, x, p, hq=g)
-            w(1, k) = 0
-            j = 0
-            do i = 1, n
-               if (abs(g(1, i)) <= 0) cycle
-               if (count == size(push)) call lengthen(push, of_noise, of_dof)
-               count = count + 1
-               push(count) = -g(1, i)
-               of_noise(count) = k
-               of_dof(count) = i
-               if (j > 0) call tie(root, i, j)
-               j = i
-            end do
+         touched = [(i, i=1, n)]
+         acting = [(k, k=1, ham%nnoise)]
+         if (allocated(traits%silent)) acting = pack(acting, .not. traits%silent)
+         call sort_noises(traits%touches, acting, ham%nnoise, n, .false., 0, colours)
+         do c = 1, colours%n
+            associate (members => colours%noise(colours%from(c) + 1:colours%from(c + 1)))
+               w(1, members) = 1
+               call ham%bare_gradient(1, t, w, x, p, hq=g)
+               w(1, members) = 0
+               do k = 1, size(members)
+                  if (traits%touches%are_given()) touched = traits%touches%dof(traits%touches%from(members(k)) + 1: &
+                                                                               traits%touches%from(members(k) + 1))
+                  j = 0
+                  do l = 1, size(touched)
+                     i = touched(l)
+                     if (abs(g(1, i)) <= 0) cycle
+                     if (count == size(push)) call lengthen(push, of_noise, of_dof)
+                     count = count + 1
+                     push(count) = -g(1, i)
+                     of_noise(count) = members(k)
+                     of_dof(count) = i
+                     if (j > 0) call tie(root, i, j)
+                     j = i
+                  end do
+               end do
+            end associate
          end do
          if (size(mass, 2) > 1) call tie_all(root, mass)
          if (allocated(self%damping%friction)) call tie_all(root, self%damping%friction)
@@ -263,8 +279,17 @@ contains
          associate (part => self%part(l), n => ndof(l), m => nnoise(l))
             allocate (part%noise(m))
             allocate (part%push(n, m), source=0.0_wp)
-            part%dof = pack([(i, i=1, size(root))], number == l)
-            call find_field(self, n, part%dof, mass, part%field)
+            allocate (part%dof(n))
+         end associate
+      end do
+      do i = 1, size(root)
+         l = number(i)
+         if (l == 0) cycle
+         if (allocated(self%part(l)%dof)) self%part(l)%dof(at(i)) = i
+      end do
+      do l = 1, size(self%part)
+         associate (part => self%part(l))
+            if (allocated(part%dof)) call find_field(self, ndof(l), part%dof, mass, part%field)
          end associate
       end do
       nnoise = 0
