@@ -4,6 +4,10 @@
 import numpy as np
 import pytest
 import symsde as ss
+from symsde.batch import dry
+from symsde.batch.dry import need
+from symsde.batch.execute import Task
+from symsde.batch.pieces import Piece
 from symsde.cli import command_line
 from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
 
@@ -71,6 +75,37 @@ def test_scenes(tmp_path, monkeypatch, checkpoint):
     grow = ["run", "some.toml", "--out", "some", "--paths", "600", "--grow", "--quiet"]
     assert command_line.main(grow) == 0
     assert np.array_equal(ss.open_run("some").run.q[3, :, :300], every.run.q[50])
+
+
+def test_foretold():
+    """Counts what moments hold between unequal times, and the steps at which a pilot run collects them."""
+    asked = {"steps": 10**6, "paths": 256, "q0": 1.0, "p0": 0.0, "step": 0.1}
+    whole = ss.moments(KUBO, **(asked | {"paths": 1}))
+    held = sum(x.nbytes for x in (whole.t, whole.n_ok, whole.m2, *whole._tables.values()))
+    needs = []
+    for times in ([0.0, 1e5], [0.0, 0.1, 1e5]):
+        task = Task(KUBO, asked | {"save_at": times}, {}, {})
+        needs.append(need(task, [Piece("m", "moments", 0, 256, 256 * 10**6)], 256, len(times)))
+    assert needs[0].memory < 1e8 and held < needs[1].memory - needs[0].memory < 4 * held
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.2, 6.0], [0.0, 0.7, 5.6], [6.0]])
+def test_pilot(times, monkeypatch):
+    """Collects moments in a pilot run as often as the run does, as soon as it has as many steps."""
+    seen = []
+
+    def watched(model, **options):
+        seen.append((options["steps"], options["save_every"]))
+        return ss.moments(model, **options)
+
+    monkeypatch.setattr(dry, "moments", watched)
+    monkeypatch.setattr(dry, "_PILOT", 1e9)
+    steps = round(times[-1] / 0.1)
+    every = np.gcd.reduce([*(round(x / 0.1) for x in times), steps])
+    task = Task(KUBO, RUN | {"steps": steps, "save_at": times}, {}, {})
+    need(task, [Piece("m", "moments", 0, 256, 256 * steps)], 256, len(times))
+    assert seen[-1] == (steps, every)
+    assert all((n % every == 0 and x == every) or n == x < every for n, x in seen)
 
 
 @pytest.mark.parametrize(

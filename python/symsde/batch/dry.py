@@ -66,19 +66,24 @@ def _free(folder: Path) -> float:
 def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Path | None = None) -> Need:
     """Memory and disk of the pieces. saved: number of saved times; out: folder of the results."""
     ndof = task.model.ndof
-    numbers = saved * (2 * (2 * ndof + task.model.traits.has_value) + 2) + _observed(task)
+    each = 2 * (2 * ndof + task.model.traits.has_value) + 2
+    numbers = saved * each + _observed(task)
     of_moments = [piece for piece in pieces if piece.kind == "moments"]
     paths = sum(piece.paths for piece in pieces if piece.kind == "paths")
     largest = max((piece.paths for piece in pieces if piece.kind == "paths"), default=0)
     workers, threads = division(task, max(1, len(pieces)))
     levels = len(of_moments).bit_length() + 3 * workers + 4 if of_moments else 0
     steps = sum(piece.work for piece in pieces)
+    setup = make_setup(task.model, **task.options)
+    between = setup.whole().ntime if setup.saved is not None and of_moments else 0
     return Need(
         path_steps=steps,
         shards=len(pieces),
         shard_paths=shard_paths,
         workers=workers,
-        memory=_BASE + 8.0 * numbers * levels + 16.0 * saved * ndof * (2 * paths + 3 * workers * largest),
+        memory=_BASE
+        + 8.0 * (numbers * levels + 4 * workers * between * each)
+        + 16.0 * saved * ndof * (2 * paths + 3 * workers * largest),
         disk=_FILES + len(pieces) * _FILE + 8.0 * numbers * (len(of_moments) + 8) + 32.0 * saved * ndof * paths,
         seconds=steps / (_rate(task, pieces[0]) * workers * (threads or 1)) if steps else 0.0,
         free=math.inf if out is None else _free(out.absolute()),
@@ -98,12 +103,15 @@ def _rate(task: Task, piece: Piece) -> float:
     observers = {name: x for name, x in task.observers.items() if x.KIND != "autocorrelation"}  # others use all times
     shown = {"observables": task.observables or None, "observers": observers}
     steps, most = 1, int(options["steps"])
+    setup = make_setup(task.model_of(few), **options)
+    every = most + 1 if setup.saved is None else setup.options.save_every  # moments are collected so often
     while True:
-        here = {**options, "steps": steps, "save_every": steps, "save_at": None}
+        here = {**options, "steps": steps, "save_every": steps if steps % every else every, "save_at": None}
         took = moments(task.model_of(few), **shown, **here).report.timings["run"]
         if took > _PILOT or steps == most:
             return few.paths * steps / max(took, 1e-6)
         steps = min(most, steps * max(2, min(16, int(_PILOT / max(took, 1e-6)))))
+        steps -= steps % every if steps > every else 0
 
 
 def _bytes(count: float) -> str:
