@@ -68,23 +68,23 @@ def replaced(tables: str, section: str) -> str:
     return tables[: old.start()] + f"{section}\n\n{tables[old.end() :]}".rstrip() + "\n"
 
 
-def write_sections(target: Path, sections: list[str]) -> None:
-    """Write these sections of the page of tables alone, and the page with its counts."""
-    place = target.with_stem(f"{target.stem}-tables")
-    tables = functools.reduce(replaced, sections, place.read_text(encoding="utf-8"))
-    place.write_text(tables, encoding="utf-8")
-    data = json.loads((target.parent / "figures" / "performance.json").read_text(encoding="utf-8"))
-    target.write_text(first_screen.page(data, tables), encoding="utf-8")
+def write_sections(target: Path, sections: list[str], results: dict) -> None:
+    """Write these sections of the page of tables alone, and the page with its counts and its picture."""
+    tables = target.with_stem(f"{target.stem}-tables").read_text(encoding="utf-8")
+    write(target, functools.reduce(replaced, sections, tables), results)
 
 
 def write(target: Path, tables: str, results: dict) -> None:
-    """Write the tables, and, if all of its numbers were measured, the page with its picture."""
+    """Write the tables, and the page with its picture: numbers that were not measured are those of the last time."""
     target.with_stem(f"{target.stem}-tables").write_text(tables, encoding="utf-8")
-    if (data := first_screen.data(results.get("loops", []))) is None:
-        return
-    target.write_text(first_screen.page(data, tables), encoding="utf-8")
     figure = target.parent / "figures" / "performance.json"
     figure.parent.mkdir(exist_ok=True)
+    rows = first_screen.rows(results.get("loops", []))
+    if rows is None and not figure.exists():
+        return
+    data = {"rows": rows or json.loads(figure.read_text(encoding="utf-8"))["rows"]}
+    data["brought"] = first_screen.brought(tables)
+    target.write_text(first_screen.page(data, tables), encoding="utf-8")
     figure.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     if importlib.util.find_spec("matplotlib") is not None:
         first_screen.save(figure.with_suffix(".png"), data)
@@ -120,7 +120,7 @@ def main() -> int:
     text = page(results["machine"], sections)
     print(text)
     if options.markdown and options.only != list(TOPICS):
-        write_sections(options.markdown, sections)
+        write_sections(options.markdown, sections, results)
     elif options.markdown:
         write(options.markdown, text, results)
     if options.json:

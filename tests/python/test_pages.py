@@ -75,7 +75,9 @@ def test_the_page_of_performance_says_what_its_tables_say():
         found = next(cells for cells in rows if cells[1:3] == [words[row["group"]], row["scene"]])
         assert [float(cell) for cell in found[3:5]] == row["times"]
     loops = [{"group": row["group"], "name": row["scene"], "numbers": [*row["times"], 1.0]} for row in data["rows"]]
-    assert first_screen.data(loops) == data and first_screen.data(loops[1:]) is None
+    assert first_screen.rows(loops) == data["rows"] and first_screen.rows(loops[1:]) is None
+    assert data["brought"] == first_screen.brought(tables) and len(data["brought"]) == len(first_screen.SCENES)
+    assert data["brought"][0] == {"scene": "double well", "times": [0.889, 2.82, 44.8]}  # a row of the tables
 
 
 @pytest.mark.parametrize("page", drawings.BANDS)
