@@ -113,6 +113,26 @@ def test_damped(scheme):
     require_gradient(lambda **x: pendulum(**x).damped(0.5), "q**2", ["k", "sigma"], scheme=scheme)
 
 
+def spring(**values):
+    """A stiffening spring, whose steps have one solution however strong damping is."""
+    return ss.model_from_sympy("p**2/2 + k*q**2/2 + q**4/4", ["s*sin(q)"], params={"k": 1.3, "s": 0.4} | values)
+
+
+@pytest.mark.filterwarnings("ignore:gamma.h = ")
+@pytest.mark.parametrize("z", [6.8, 7.0, 20.0, 60.0])
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
+@pytest.mark.parametrize("make", [spring, mixed])
+def test_strong_damping(make, scheme, z):
+    """Where gamma h = z is large, p behind a step holds no digit of the forces in it."""
+    run, damped = RUN | {"scheme": scheme, "steps": 5}, lambda **x: make(**x).damped(z / RUN["step"])
+    right = differences(damped, "q", "s", run)
+    found = ss.gradient(damped(), "q", ["s"], **run).by_path["s"]
+    assert abs(found - right).max() < 1e-11 * abs(right).max()
+    if z <= 20:
+        maps = ss.tangent(damped(), ["s"], **run)
+        assert abs(maps.by["s"][0] - right).max() < 1e-11 * abs(right).max()
+
+
 @pytest.mark.parametrize(("paths", "options"), [(1, {}), (3, {"refine": 2}), (3, {"refine": -1}), (300, {"lanes": 8})])
 def test_runs(paths, options):
     """Single paths, refined noise and blocks of eight lanes."""

@@ -165,9 +165,9 @@ contains
       if (allocated(error)) return
       call resolve_task(task, model, scheme, steppers_of(options), error)
       if (size(theta, 2) == wide%traits%ndof) nrate = model%traits%ndof
-      call require_linear(task, wide, nrate, error)
+      call require_linear(task, wide, nrate, options%step, error)
       if (allocated(error)) return
-      call new_linear_step(step, task, model, wide, nrate, lane_unit)
+      call new_linear_step(step, task, model, wide, nrate, options%step, lane_unit)
       by_position = step%by_position
       associate (needed => wide%traits%ndof - model%traits%ndof + nrate)
          if (options%compensated) then

@@ -108,7 +108,7 @@ contains
             call new_step_store(self%store, self%nlane, plan%model%traits%nnoise, max(2, plan%nstep), plan%h, &
                                 plan%asked)
             if (.not. associated(self%view)) self%view => plan%model
-            call new_linear_step(self%step, plan%task, self%view, plan%wide, plan%nrate, self%nlane)
+            call new_linear_step(self%step, plan%task, self%view, plan%wide, plan%nrate, plan%h, self%nlane)
          end if
       end associate
    end subroutine begin_block

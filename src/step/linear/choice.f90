@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Which linearised step belongs to a task, and which tasks have none, with the reason.
 module symsde_step_linear_choice
+   use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, incompatible, missing_operation, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits
@@ -21,10 +22,11 @@ module symsde_step_linear_choice
 contains
 
    !> Refuse tasks and models whose steps cannot be linearised exactly.
-   subroutine require_linear(task, wide, nrate, error)
+   subroutine require_linear(task, wide, nrate, h, error)
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in) :: wide    !! model with the parameters as further positions
       integer, intent(in) :: nrate             !! rates of damping that derivatives are by: none, or all
+      real(wp), intent(in) :: h                !! step
       type(error_type), allocatable, intent(inout) :: error
       character(*), parameter :: place = 'linear_step'
       character(:), allocatable :: why_not   !! of splitting schemes
@@ -66,9 +68,9 @@ contains
             call refuse('rates of damping of model '//task%model%name//' are functions')
          else if (allocated(task%damping%friction)) then
             call refuse('model '//task%model%name//' is damped by a matrix of friction')
-         else if (unknowns_of(task, wide, nrate) > most_unknowns) then
-            call refuse('an implicit step of '//to_text(unknowns_of(task, wide, nrate))//' unknowns is solved by '// &
-                        'dense matrices, of at most '//to_text(most_unknowns))
+         else if (unknowns_of(task, wide, nrate, h) > most_unknowns) then
+            call refuse('an implicit step of '//to_text(unknowns_of(task, wide, nrate, h))// &
+                        ' unknowns is solved by dense matrices, of at most '//to_text(most_unknowns))
          end if
       end associate
 
@@ -84,16 +86,17 @@ contains
    end subroutine require_linear
 
    !> Unknowns of the linear system of a step.
-   integer function unknowns_of(task, wide, nrate) result(n)
+   integer function unknowns_of(task, wide, nrate, h) result(n)
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in) :: wide
       integer, intent(in) :: nrate
+      real(wp), intent(in) :: h
 
       n = 0
       if (task%scheme%form == splitting_form) return
       if (kick_drift_fits(task, wide) .and. nrate == 0) return
       n = task%model%traits%ndof*task%scheme%nstage
-      if (.not. eliminated_fits(task, wide)) n = 2*n
+      if (.not. eliminated_fits(task, wide, h)) n = 2*n
    end function unknowns_of
 
    !> Whether a noise of the path is not drawn that the wide model has.
@@ -107,12 +110,13 @@ contains
    end function is_silent
 
    !> The linearised step of a task that require_linear has accepted, for blocks of nlane lanes.
-   subroutine new_linear_step(step, task, model, wide, nrate, nlane)
+   subroutine new_linear_step(step, task, model, wide, nrate, h, nlane)
       class(linear_step), allocatable, intent(out) :: step
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in), target :: model   !! the path's model, or a view that knows the lanes' paths
       class(model_type), intent(in), target :: wide
       integer, intent(in) :: nrate                     !! rates of damping that derivatives are by: none, or all
+      real(wp), intent(in) :: h                        !! step
       integer, intent(in) :: nlane                     !! a multiple of 8
       type(kick_drift_step), allocatable :: kicks
       type(tableau_step), allocatable :: tableau
@@ -127,9 +131,9 @@ contains
          allocate (splitting)
          call new_kicks_step(splitting, task, wide, nlane)
          call move_alloc(splitting, step)
-      else if (eliminated_fits(task, wide)) then
+      else if (eliminated_fits(task, wide, h)) then
          allocate (eliminated)
-         call new_eliminated_step(eliminated, task, model, wide, nlane)
+         call new_eliminated_step(eliminated, task, model, wide, h, nlane)
          call move_alloc(eliminated, step)
       else
          allocate (tableau)

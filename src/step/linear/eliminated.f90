@@ -40,6 +40,7 @@ module symsde_step_linear_eliminated
 
    !> How stages are found again.
    integer, parameter :: by_ends = 1, by_one = 2, by_two = 3, by_stepper = 4
+   real(wp), parameter :: small = 1e-3_wp   !! below which factors lose digits
 
    !> Coefficients of a step, or their derivatives by the rate of each degree of freedom.
    type :: step_coefficients
@@ -78,11 +79,17 @@ module symsde_step_linear_eliminated
 
 contains
 
-   !> Whether the model has this form, for all values of parameters, without forces.
-   logical function eliminated_fits(task, wide)
+   !> Whether the model has this form, for all values of parameters, without forces, and steps of length h lose no more
+   !> than three digits by damping: K_il holds products of decays, some of which grow.
+   logical function eliminated_fits(task, wide, h)
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in) :: wide
+      real(wp), intent(in) :: h
 
+      eliminated_fits = .false.
+      if (allocated(task%damping%rate)) then
+         if (any(abs(task%damping%rate*h) > -log(small))) return
+      end if
       associate (t => task%model%traits)
          eliminated_fits = task%is_plain() .and. t%identity_mass .and. (t%position_noise .or. t%nnoise == 0) .and. &
                            t%has_hessian .and. wide%traits%separable .and. &
@@ -90,12 +97,13 @@ contains
       end associate
    end function eliminated_fits
 
-   !> Make the linearised step for blocks of nlane lanes. The model of the path is `model`, or a view of it that knows
-   !> the paths of the lanes.
-   subroutine new_eliminated_step(self, task, model, wide, nlane)
+   !> Make the linearised step for steps of length h and blocks of nlane lanes. The model of the path is `model`, or a
+   !> view of it that knows the paths of the lanes.
+   subroutine new_eliminated_step(self, task, model, wide, h, nlane)
       type(eliminated_step), intent(out) :: self
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in), target :: model, wide
+      real(wp), intent(in) :: h
       integer, intent(in) :: nlane
       integer :: n, s, np
 
@@ -127,7 +135,7 @@ contains
       allocate (self%matrix(nlane, n*s, n*s), self%x(nlane, n*s))
       allocate (self%dq(nlane, n), self%dp(nlane, n), self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
       allocate (self%still(nlane, n), self%vq(nlane, self%nwide), self%zero(nlane, self%nwide), source=0.0_wp)
-      call set_step(self, 1.0_wp)
+      call set_step(self, h)
       self%way = way_of(self)
       self%by_position = self%way == by_ends
       if (self%way == by_stepper) then
@@ -146,21 +154,20 @@ contains
 
    end subroutine new_eliminated_step
 
-   !> How stages are found again, by the coefficients of a step of length one.
+   !> How stages are found again.
    pure integer function way_of(self) result(way)
       type(eliminated_step), intent(in) :: self
-      real(wp), parameter :: small = 1e-3_wp
 
       way = by_stepper
       if (self%npart > 1) return
       associate (x => self%of)
          if (self%nstage == 1) then
             way = by_one
-            if (all(abs(x%last(1, 1, :)) > small) .and. all(abs(x%loss) <= 0) .and. &
+            if (all(abs(x%last(1, 1, :)) > small*abs(self%h)) .and. all(abs(x%loss) <= 0) .and. &
                 all(abs(x%stage_p(1, :)*x%last(1, 1, :) - x%stage(1, 1, :, 1)*x%last_p) <= 0)) way = by_ends
          else if (self%nstage == 2) then
-            if (all(abs(x%momentum(1, 1, :)*x%last(2, 1, :) - x%momentum(2, 1, :)*x%last(1, 1, :)) > small)) &
-               way = by_two
+            if (all(abs(x%momentum(1, 1, :)*x%last(2, 1, :) - x%momentum(2, 1, :)*x%last(1, 1, :)) > &
+                    small*abs(self%h))) way = by_two
          end if
       end associate
    end function way_of

@@ -19,8 +19,8 @@
 !>    X_i = dq + sum_j a_ij f_j,           f_j = Hhat_pq X_j + Hhat_pp Y_j + Hhat_{p theta} dtheta
 !>    Y_i = e_i dp + sum_j abar_ij e_ij g_j,   g_j = -(Hhat_qq X_j + Hhat_qp Y_j + Hhat_{q theta} dtheta)
 !>
-!> The point of a single stage follows from the increments of the step; several stages are found again by the general
-!> stepper.
+!> The point of a single stage follows from the increments of the step, unless damping is so strong that p' holds few
+!> digits of G; otherwise, and with several stages, they are found again by the general stepper.
 !>
 !> Private to its family.
 module symsde_step_linear_tableau
@@ -44,7 +44,7 @@ module symsde_step_linear_tableau
       real(wp), allocatable :: c(:)          !! nodes (nstage)
       real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :)  !! (.., npart)
       type(tableau_decays) :: decays
-      type(general_stepper), allocatable :: stages   !! finds the slopes of several stages; its model is the path's own
+      type(general_stepper), allocatable :: stages   !! finds slopes; its model is the path's own
       type(block_solver) :: solver
       real(wp), allocatable :: w(:, :, :)    !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable :: slope(:, :, :, :)  !! F and G (nlane, 2 ndof, nstage, npart)
@@ -91,7 +91,7 @@ contains
       end if
       call new_decays(self%decays, task%damping, task%scheme%c, n)
       call new_one_step_hamiltonian(self%ham, wide, nlane, correction_none, 0.0_wp)
-      if (s > 1 .or. np > 1) then
+      if (s > 1 .or. np > 1 .or. task%damping%acts()) then
          allocate (self%stages)
          call new_general_stepper(self%stages, model, task%scheme, correction_none, nlane, task%newton, task%damping)
       end if
@@ -332,17 +332,19 @@ contains
       end associate
    end subroutine slope_tangents
 
-   !> F_j and G_j of all stages: from the increments if there is one slope of each, else by the general stepper.
+   !> F_j and G_j of all stages: from the increments if there is one slope of each and p' holds most of its digits, else
+   !> by the general stepper.
    subroutine find_slopes(self, step, q0, p0, q1, p1, status)
       type(tableau_step), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
+      real(wp), parameter :: small = 1e-3_wp
       integer :: j, l, part, at
 
       associate (n => self%ndof, slope => self%slope)
-         if (.not. allocated(self%stages)) then
+         if (self%nstage == 1 .and. self%npart == 1 .and. all(self%decays%finish > small)) then
             do l = 1, n
                slope(:, l, 1, 1) = (q1(:, l) - q0(:, l))/self%alpha(1, 1)
                slope(:, n + l, 1, 1) = (p1(:, l) - p0(:, l) - self%decays%loss(l)*p0(:, l))/ &
