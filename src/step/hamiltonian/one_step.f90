@@ -52,6 +52,7 @@ module symsde_step_hamiltonian_one_step
       class(model_type), pointer :: model => null()
       class(kernel_model), pointer :: fast => null()  !! the model as a kernel_model, if it has kernels
       type(kernel_offers) :: offers                   !! which kernels the model has
+      logical :: exact_products = .false.             !! products by a Hessian, too, never by differences beside it
       integer :: nlane = 0, ndof = 0, nnoise = 0
       integer :: nreal = 0                    !! real paths of the block, for the counters
       integer :: correction = correction_none
@@ -282,7 +283,7 @@ contains
    end subroutine bare_pair
 
    !> The Hessian of bare Hhat times (vq, vp), counted for `wanted` lanes. A model with a Hessian but no product would
-   !> compute the whole Hessian: then a difference of gradients is cheaper.
+   !> compute the whole Hessian: then a difference of gradients is cheaper, unless products must be exact.
    subroutine bare_product(self, n, wanted, t, w, q, p, vq, vp, uq, up)
       class(one_step_hamiltonian), intent(inout) :: self
       integer, intent(in) :: n, wanted
@@ -292,7 +293,7 @@ contains
       real(wp), allocatable :: u(:, :)
 
       if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
-      if (self%model%traits%has_hessian_vector) then
+      if (self%model%traits%has_hessian_vector .or. self%exact_products) then
          call self%model%hessian_vector(n, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
          self%counters%hessian_vectors = self%counters%hessian_vectors + wanted
       else

@@ -140,6 +140,7 @@ contains
          call new_tableau_step(tableau, task, model, wide, nlane)
          call move_alloc(tableau, step)
       end if
+      step%ham%exact_products = .true.
       step%nrow = step%nwide + nrate
       step%by_position = step%by_position .and. nrate == 0
    end subroutine new_linear_step
