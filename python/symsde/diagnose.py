@@ -92,7 +92,7 @@ def _by_tangent(model: Model, dw: Any, given: dict[str, Any]) -> np.ndarray:
             "give one rate"
         )
     n = model.ndof
-    found = take_vectors(setup, wide_model(model, []), np.eye(2 * n), progress=False)
+    found = take_vectors(setup, wide_model(model, [], thirds=setup.kicks), np.eye(2 * n), progress=False)
     J = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
     m = found.v.transpose(2, 0, 1)  # the transpose of M at each point
     factor = np.exp(-model.damping[0] * setup.options.step) if model.damping else 1.0

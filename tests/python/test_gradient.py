@@ -107,6 +107,22 @@ def test_not_separable(scheme):
     require_gradient(mixed, "q*p + q**3", ["a", "s"], scheme=scheme, steps=10)
 
 
+def coupled(**values):
+    """Two masses that are coupled, and noises of which two meet and two do not."""
+    values = {"a": 0.3, "s": 0.4} | values
+    h = "p1**2/2 + p2**2/3 + 0.3*p1*p2 + q1**2/2 + q2**2 + a*q1**2*q2*sin(1 + t)"
+    return ss.model_from_sympy(h, ["s*sin(q1)", "0.2*q2**2 + 0.1*s*q1*q2", "0.2*cos(q2)*a"], params=values)
+
+
+@pytest.mark.parametrize("scheme", ["chin4a", "verlet_kdk", "gauss_dkdkd_strong2", "chin4a_strong2"])
+def test_products_of_gradients(scheme):
+    """Kicks add products of gradients, whose derivatives hold third ones."""
+    require_gradient(coupled, "q_1**2 + sin(p_2)", ["a", "s"], scheme=scheme, steps=10)
+    require_tangent(coupled(), ["a", "s"], scheme=scheme, steps=10)
+    defects = [ss.tangent(m, **RUN, scheme=scheme).defect().max() for m in (coupled(), ss.models.henon_heiles())]
+    assert max(defects) < 1e-13
+
+
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
 def test_damped(scheme):
     """Damped momenta, whose decays differ between stages."""
@@ -239,12 +255,14 @@ def test_own_model():
     def hessian(t, w, q, p):
         return (3 * w[0] * q**2 + w[1])[np.newaxis], 0 * q[np.newaxis], (w[0] + 0 * q)[np.newaxis]
 
-    model = ss.Model(**own, hessian=hessian)
+    model = ss.Model(**own, hessian=hessian, name="own", identity_mass=True, separable=True, position_noise=True)
     formulas = ss.model_from_sympy("p**2/2 + q**4/4", ["q**2/2"])
     for scheme in ("stormer_verlet", "midpoint", "gauss2"):
         mine, theirs = (ss.gradient(x, "q*p", **RUN, scheme=scheme) for x in (model, formulas))
         for name in ("q0", "p0"):
             np.testing.assert_allclose(mine.by_path[name], theirs.by_path[name], rtol=1e-9)
+    with pytest.raises(IncompatibleError, match="products of gradients to its kicks, and model own has no third"):
+        ss.gradient(model, "q", **RUN, scheme="chin4a")
     with pytest.raises(MissingOperationError, match="no Hessian"):
         ss.gradient(ss.Model(**own), "q", **RUN)
     with pytest.raises(IncompatibleError, match="has none: make it by model_from_sympy"):
@@ -254,7 +272,6 @@ def test_own_model():
 @pytest.mark.parametrize(
     ("scheme", "why"),
     [
-        ("chin4a", "products of gradients"),
         ("verlet_kdk_midpoint", "midpoint steps"),
         ("gauss2_strong32", "brackets"),
         ("euler_maruyama", "Ito form"),

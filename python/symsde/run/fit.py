@@ -281,7 +281,7 @@ class _Problem:
         nothing = np.full(self.count, np.nan), np.full((self.count, size), np.nan), np.zeros((self.count, paths))
         try:
             model = self.model_at(theta)
-            wide = wide_model(model, self.known)
+            wide = wide_model(model, self.known, thirds=self.setup.kicks)
         except SymsdeError:
             if self.evaluations == 1:
                 raise

@@ -98,7 +98,7 @@ def gradient(
     refuse_compensated(options)
     options.setdefault("save_every", max(1, checks.integer("steps", steps)))
     setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, **options)
-    wide, positions = wide_model(model, known)
+    wide, positions = wide_model(model, known, thirds=setup.kicks)
     function = _function_of(f, model, positions, len(known))
     found = _Found(setup, len(positions))
     with Monitor(progress, in_python=True) as monitor:

@@ -106,6 +106,11 @@ class Setup:
         return dataclasses.replace(self, saved=None)
 
     @property
+    def kicks(self) -> bool:
+        """Whether steps are kicks, which may add products of gradients."""
+        return self.scheme.info.form == "drifts and kicks"
+
+    @property
     def paths(self) -> int:
         """Number of paths."""
         return self.options.paths

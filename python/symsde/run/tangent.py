@@ -99,7 +99,7 @@ def tangent(
     if states := [x for x in names if x not in known and x in ("q0", "p0")]:
         raise InvalidArgumentError(f"wrt holds {states[0]}: derivatives by q0 and p0 are always there, as matrix")
     setup = _setup(model, options, q0=q0, p0=p0, step=step, steps=steps)
-    wide, positions = wide_model(model, known)
+    wide, positions = wide_model(model, known, thirds=setup.kicks)
     n = model.ndof
     start = np.concatenate((np.eye(2 * n), np.zeros((len(positions), 2 * n))))
     found = take_vectors(setup, (wide, positions), start, progress=progress)
@@ -149,7 +149,7 @@ def lyapunov(
         raise InvalidArgumentError("steps = 0: exponents are rates over a time, give at least one step")
     if model.paths:
         _refuse_arrays(model)
-    wide = wide_model(model, [])
+    wide = wide_model(model, [], thirds=setup.kicks)
     start = np.zeros((count, 2 * model.ndof))
     for k in range(count):  # p_1, q_1, p_2, q_2, ..: the first two span a plane that the flow turns
         start[k, k // 2 + (model.ndof if k % 2 == 0 else 0)] = 1

@@ -78,6 +78,7 @@ module symsde_step_hamiltonian_one_step
       procedure :: bare_force_stiffness
       procedure :: bare_pair
       procedure :: bare_product
+      procedure :: bare_third
       procedure :: take_force
       procedure, private :: narrow_to_part, narrow_to_lanes
       generic :: narrow => narrow_to_part, narrow_to_lanes
@@ -305,6 +306,18 @@ contains
       call self%model%force_along(n, self%ndof, self%nnoise, t, w, q, p, vq, vp, u)
       uq = uq - u
    end subroutine bare_product
+
+   !> The gradient of a^T Hess Hhat b, with bare Hhat: its third derivatives along two vectors.
+   subroutine bare_third(self, n, t, w, q, p, aq, ap, bq, bp, uq, up)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(in), dimension(n, self%ndof) :: aq, ap, bq, bp
+      real(wp), intent(out) :: uq(n, self%ndof), up(n, self%ndof)
+
+      if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
+      call self%model%third_derivative(n, self%ndof, self%nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+   end subroutine bare_third
 
    !> Hhat_p of separable Hamiltonians, where it depends on p alone; without correction and brackets. Iterations start
    !> with F = Hhat_p(p_n).

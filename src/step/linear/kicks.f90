@@ -6,8 +6,14 @@
 !>    y <- y - f_i(x)                 u <- u - f_i,x c,          f_i = grad(b_i h U + sum_k w_ik H_k)
 !>
 !> for i = 1 .. s, and a last drift. The points x_i of the kicks are found again from the state before the step. Weights
-!> are those of the forward step (step/splitting/coefficients), with dZ and K of the path. Kicks that add products of
-!> gradients are not among these.
+!> are those of the forward step (step/splitting/coefficients), with dZ and K of the path.
+!>
+!> Products of gradients in kicks (step/splitting/products.inc) are Hess F M^-1 G_q, with F = G = V, or with noises F
+!> and sums G of noises. Their derivative along v holds third derivatives of F:
+!>
+!>    f_i,x v = Hess F_i v + sum factor (F'''(M^-1 G_q, v) + Hess F M^-1 Hess G v)
+!>
+!> The sum over all products is the derivative of a gradient, hence symmetric, and serves covectors as well.
 !>
 !> Private to its family.
 module symsde_step_linear_kicks
@@ -31,8 +37,11 @@ module symsde_step_linear_kicks
       logical :: by_h = .false.              !! the mass is the identity
       real(wp), allocatable :: w(:, :)       !! weights of a drift: tau and zero (nlane, 0:nnoise)
       real(wp), allocatable :: x(:, :, :)    !! points of the kicks (nlane, ndof, nkick)
+      logical :: bends = .false.             !! third derivatives of the wide model do not vanish
+      real(wp), allocatable, dimension(:, :) :: of_f, of_g       !! weights of F and G (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: y                !! momenta within the step (nlane, ndof)
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
+      real(wp), allocatable, dimension(:, :) :: g, still, rq, rp !! M^-1 G_q, zero, terms of products (nlane, nwide)
    contains
       procedure :: back
       procedure :: forth
@@ -59,7 +68,8 @@ contains
          why = 'has drifts that a parameter of the kinetic energy changes'
       else
          call new_kick_weights(weights, task%scheme%kicks, task%model%traits, task%damping, task%damping_noise, 8)
-         if (any(weights%has_products)) why = 'adds products of gradients to its kicks'
+         if (any(weights%has_products) .and. .not. (wide%traits%has_third_derivative .or. wide%traits%quadratic)) &
+            why = 'adds products of gradients to its kicks, and model '//wide%name//' has no third derivatives'
       end if
    end subroutine why_no_kicks
 
@@ -91,6 +101,11 @@ contains
       allocate (self%y(nlane, n))
       allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
       allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
+      if (.not. any(self%weights%has_products)) return
+      self%bends = .not. wide%traits%quadratic
+      allocate (self%of_f(nlane, 0:wide%traits%nnoise), self%of_g(nlane, 0:wide%traits%nnoise), source=0.0_wp)
+      allocate (self%g(nlane, self%nwide), self%still(nlane, self%nwide), source=0.0_wp)
+      allocate (self%rq(nlane, self%nwide), self%rp(nlane, self%nwide))
    end subroutine new_kicks_step
 
    subroutine back(self, step, q0, p0, q1, p1, u, c, status)
@@ -152,6 +167,7 @@ contains
          self%q(:, :self%ndof) = self%x(:, :, i)
          call self%ham%bare_gradient(self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, self%p, &
                                      hq=self%uq)
+         call add_products(self, step, i, along=.false.)
          self%y = self%y - self%uq(:, :self%ndof)
       end do
    end subroutine find_points
@@ -166,7 +182,65 @@ contains
       self%vp = 0
       call self%ham%bare_product(self%nlane, self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, &
                                  self%p, self%vq, self%vp, self%uq, self%up)
+      call add_products(self, step, i, along=.true.)
    end subroutine product_at
+
+   !> uq = uq + the products of gradients in kick i, or their derivative along vq: the product of V, and one for each
+   !> colour of noises that do not meet.
+   subroutine add_products(self, step, i, along)
+      type(kicks_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      integer, intent(in) :: i
+      logical, intent(in) :: along
+      real(wp) :: t
+      integer :: colour, l
+
+      t = time_of(self, step, i)
+      associate (weights => self%weights, kicks => self%weights%kicks, colours => self%weights%colours, h => step%h)
+         if (abs(kicks%kappa(i)) > 0) then
+            self%of_f = weights%v
+            self%of_g = weights%v
+            call add_product(self, t, 2*kicks%kappa(i)*h, along)
+         end if
+         do colour = 1, merge(colours%n, 0, weights%multiplies(i))
+            self%of_f = 0
+            self%of_f(:, colours%noise(colours%from(colour) + 1:colours%from(colour + 1))) = 1
+            self%of_g = (weights%c*h*abs(h))*self%of_f
+            do l = 1, merge(self%ham%nnoise, 0, kicks%samples)
+               self%of_g(:, l) = 0
+               if (weights%at(l, colour) > 0) self%of_g(:, l) = weights%d(:, weights%at(l, colour))
+            end do
+            call add_product(self, t, kicks%share(i), along)
+         end do
+      end associate
+   end subroutine add_products
+
+   !> uq = uq + factor Hess F M^-1 G_q, or its derivative along vq, in rows of positions and of parameters.
+   subroutine add_product(self, t, factor, along)
+      type(kicks_step), intent(inout) :: self
+      real(wp), intent(in) :: t, factor
+      logical, intent(in) :: along
+      integer :: n
+
+      n = self%ndof
+      call self%ham%bare_gradient(self%nlane, t, self%of_g, self%q, self%p, hq=self%rq)
+      self%g = 0
+      call add_by_mass(self, t, 1.0_wp, self%rq(:, :n), self%g(:, :n))
+      if (along) then
+         if (self%bends) then
+            call self%ham%bare_third(self%nlane, t, self%of_f, self%q, self%p, self%g, self%still, self%vq, &
+                                     self%still, self%rq, self%rp)
+            self%uq = self%uq + factor*self%rq
+         end if
+         call self%ham%bare_product(self%nlane, self%nlane, t, self%of_g, self%q, self%p, self%vq, self%still, &
+                                    self%rq, self%rp)
+         self%g = 0
+         call add_by_mass(self, t, 1.0_wp, self%rq(:, :n), self%g(:, :n))
+      end if
+      call self%ham%bare_product(self%nlane, self%nlane, t, self%of_f, self%q, self%p, self%g, self%still, &
+                                 self%rq, self%rp)
+      self%uq = self%uq + factor*self%rq
+   end subroutine add_product
 
    !> to <- to + tau M^-1 v: of points by momenta, of tangent vectors, and of covectors by those of q.
    subroutine drift(self, step, tau, v, to)
@@ -176,17 +250,26 @@ contains
       real(wp), intent(in) :: v(:, :)             !! (nlane, ndof)
       real(wp), intent(inout) :: to(:, :)         !! (nlane, ndof)
 
-      if (.not. abs(tau) > 0) return
+      if (abs(tau) > 0) call add_by_mass(self, step%t, tau*step%h, v, to)
+   end subroutine drift
+
+   !> to <- to + factor M^-1 v
+   subroutine add_by_mass(self, t, factor, v, to)
+      type(kicks_step), intent(inout) :: self
+      real(wp), intent(in) :: t, factor
+      real(wp), intent(in) :: v(:, :)             !! (nlane, ndof)
+      real(wp), intent(inout) :: to(:, :)         !! (nlane, ndof)
+
       if (self%by_h) then
-         to = to + (tau*step%h)*v
+         to = to + factor*v
       else  ! M^-1 v is H_p at the momentum v, since M is constant
-         self%w(:, 0) = tau*step%h
+         self%w(:, 0) = factor
          self%p(:, :self%ndof) = v
-         call self%ham%bare_gradient(self%nlane, step%t, self%w, self%q, self%p, hp=self%up)
+         call self%ham%bare_gradient(self%nlane, t, self%w, self%q, self%p, hp=self%up)
          self%p = 0
          to = to + self%up(:, :self%ndof)
       end if
-   end subroutine drift
+   end subroutine add_by_mass
 
    pure real(wp) function time_of(self, step, i)
       type(kicks_step), intent(in) :: self

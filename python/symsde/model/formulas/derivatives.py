@@ -37,9 +37,11 @@ def engine():
 class Derivatives:
     """All derivatives of a problem; zero where a derivative vanishes."""
 
-    def __init__(self, problem: Problem, vanishing: Container[tuple] = (), *, is_split: bool = False):
+    def __init__(
+        self, problem: Problem, vanishing: Container[tuple] = (), *, is_split: bool = False, thirds: bool = False
+    ):
         """Store the problem. vanishing: (j, variables) of derivatives that are zero, in whatever form they are
-        written.
+        written; thirds: whether third derivatives are wanted where no bracket needs them, too.
         """
         self.problem = problem
         self.is_split = is_split  #: whether kicks stand between flows of a quadratic part of H
@@ -48,6 +50,7 @@ class Derivatives:
         self._engine = engine()
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
         self._third: dict[str, list[int]] | None = None
+        self._thirds = thirds
         self._constants: list[int] | None = None
         try:
             self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
@@ -161,10 +164,10 @@ class Derivatives:
         nodes = [self.graph.sum(terms[x]) for x in names]
         return {"tq": nodes[:n], "tp": nodes[n:]} if count else None
 
-    def third_of_brackets(self) -> dict[str, list[int]]:
-        """The nodes of `third`, computed once; empty if no scheme needs third derivatives."""
+    def wanted_third(self) -> dict[str, list[int]]:
+        """The nodes of `third`, computed once; empty if no scheme needs third derivatives and nobody wants them."""
         if self._third is None:
-            self._third = (self.has_brackets() and self.third()) or {}
+            self._third = ((self._thirds or self.has_brackets()) and self.third()) or {}
         return self._third
 
     def constants(self) -> list[int]:
@@ -177,7 +180,7 @@ class Derivatives:
 
     def _found_constants(self) -> list[int]:
         noise = [x for variables in BLOCKS.values() for x in self.noise_block(variables)]
-        nodes, third = self.graph.nodes, self.third_of_brackets().values()
+        nodes, third = self.graph.nodes, self.wanted_third().values()
         roots = [*itertools.chain(*self.outputs.values(), *third), *noise]
         needed = reachable(self.graph, roots)
         fixed: set[int] = set()

@@ -154,7 +154,7 @@ class _File(Loops):
         self.ndof = derivatives.problem.ndof
         self.head = preamble(derivatives)
         self._along(derivatives)
-        self.third = derivatives.third_of_brackets()
+        self.third = derivatives.wanted_third()
         self.outputs |= self.third
         self.constants = derivatives.constants()
         self.writer = Writer(self.graph, _load, {x: _load(f"c{k}") for k, x in enumerate(self.constants)})

@@ -105,7 +105,10 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         part = prover.part
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(
-            problem, prover.vanishing(), is_split=structure.split is not None and structure.kicks == KICKS[0]
+            problem,
+            prover.vanishing(),
+            is_split=structure.split is not None and structure.kicks == KICKS[0],
+            thirds=given.get("thirds", False),
         )
         source = emit_c.source(derivatives, hessians=given.get("hessians", True))
         source += _forces.source(pulls) + _rates.source(rates)

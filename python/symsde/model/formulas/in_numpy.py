@@ -66,7 +66,7 @@ class InNumpy:
     def __init__(self, derivatives: Derivatives, parameters: dict[str, float]):
         """Store formulas with the values of their parameters."""
         self.graph = derivatives.graph
-        self.outputs = derivatives.outputs | ((derivatives.has_brackets() and derivatives.third()) or {})
+        self.outputs = derivatives.outputs | derivatives.wanted_third()
         self.ndof = derivatives.problem.ndof
         self.parameters = {f"c{k}": value for k, value in enumerate(parameters.values())}
 

@@ -37,10 +37,10 @@ class Positions(list):
         return rows[:n] if self.slopes is None else rows[:n] + np.tensordot(self.slopes, rows[n:], 1)
 
 
-def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, Positions]:
+def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> tuple[Model, Positions]:
     """A model of the same Hamiltonians and forces whose further positions are these parameters and all parameters that
     go by path, and the names of these positions. Only Hessians and derivatives of forces of the wide model are asked
-    for, and momenta of parameters stay zero.
+    for, and third derivatives if `thirds`; momenta of parameters stay zero.
     """
     structure = model.formula.structure if isinstance(model, FormulaModel) else None
     if structure is not None and structure.kinked:
@@ -50,7 +50,7 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, Positions]:
         )
     by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
     wanted = [*names, *(name for name in by_path if name not in names)]
-    if not wanted:
+    if not wanted and not (thirds and _has_formulas(model)):
         return model, Positions()
     code = (known := _formulas(model))._code
     if code.derivatives is None:
@@ -74,9 +74,9 @@ def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, Positions]:
             "model_from_sympy, or ask for those by q0 and p0"
         )
     forced = code.pulls.formulas is not None
-    key = (*wanted, *(others.items() if forced else ()))  # a model with forces is derived again for other values
+    key = (thirds, *wanted, *(others.items() if forced else ()))  # with forces it is derived again for other values
     if key not in code.wide:
-        code.wide[key] = _derived(problem, code.pulls.rows, wanted, others, model.name)
+        code.wide[key] = _derived(problem, code.pulls.rows, wanted, others, model.name, thirds=thirds)
     wide = code.wide[key] if forced or not others else code.wide[key].with_parameters(**others)
     positions = Positions(wanted)
     positions.slopes = _slopes(known, wanted, names)
@@ -136,7 +136,7 @@ def _require_own_rates(model: Model, names: Sequence[str], problem: Problem) -> 
 
 
 def _derived(
-    problem: Problem, forces: list[list[Any]], wanted: list[str], others: dict[str, float], name: str
+    problem: Problem, forces: list[list[Any]], wanted: list[str], others: dict[str, float], name: str, *, thirds: bool
 ) -> FormulaModel:
     """The wide model: coordinates x0, x1, .. and y0, y1, .., other parameters keep their internal names."""
     places = {name: problem.ndof + k for k, name in enumerate(wanted)}
@@ -170,15 +170,23 @@ def _derived(
             "most": MAX_POSITIONS,
             "steps": False,
             "hessians": count <= MOST_WITH_HESSIANS,
+            "thirds": thirds,
         }
     )
+
+
+def _has_formulas(model: Model) -> bool:
+    """Whether the model has formulas that are no sums over sites."""
+    if isinstance(model, FormulaModel):
+        return model._derivatives is not None
+    return model.name in FORMULAS and bool(model.parameters)
 
 
 def _formulas(model: Model) -> FormulaModel:
     """The formulas of a model."""
     if isinstance(model, FormulaModel):
         return model
-    if model.name in FORMULAS and model.parameters:
+    if _has_formulas(model):
         return _of_built_in(model.name, tuple(model.parameters)).with_parameters(**model.parameters)
     raise IncompatibleError(
         f"derivatives by parameters need the formulas of a model, and {model.name} has none: make it by "
