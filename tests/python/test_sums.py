@@ -168,7 +168,7 @@ BAD = {
     "Sum(q[j], i)": "the index j, where there is i",
     "Sum(q[i], beta)": "sums over beta, which means something else",
     "Sum(q[i+9], i)": "an index that is not i, i \\+ 1",
-    "Sum(x[i], i)": "an index of something that is not q or p",
+    "Sum(x[i], i)": r"an index of something that is not q\[i\] or p\[i\]",
     "Sum(q[i] > 0, i)": "comparison",
     "Sum(foo(q[i]), i)": "calls foo",
     "Sum": "Sum",

@@ -79,8 +79,8 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
 
 
 def _by_path(value: Any) -> Any:
-    """The value of a parameter; for values by path their number and a hash."""
-    return value if np.ndim(value) == 0 else f"{value.size} values ({_hash(np.asarray(value, '<f8').tobytes())})"
+    """The value of a parameter; for values by path or by site their number and a hash."""
+    return value if np.ndim(value) == 0 else f"{np.size(value)} values ({_hash(np.asarray(value, '<f8').tobytes())})"
 
 
 def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class Given:
     title: tuple[str, ...]  #: lines of the comment at the top
     model: FormulaModel | None  #: model made of formulas; None = built-in
     name: str  #: name of the model
-    parameters: dict[str, float]  #: parameter name of the scene -> value
+    parameters: dict[str, Any]  #: parameter name of the scene -> value, or a tuple of values for all sites
     identifiers: dict[str, str]  #: parameter name of the scene -> identifier that Fortran accepts
     scheme: str
     options: dict[str, int | float]  #: members of symsde_options that differ from their default
@@ -81,7 +82,7 @@ def given_of(scene: Scene, stem: str) -> Given:
     setup = make_setup(scene.model, **scene.run)
     model = scene.model
     require_closed(model, "programs are written")
-    if any(np.ndim(x) for x in model.parameters.values()):
+    if any(isinstance(x, np.ndarray) for x in model.parameters.values()):
         raise InvalidArgumentError(
             f"{scene.file}: parameters of model {model.name} go by path, and a program holds one value of each"
         )
@@ -122,7 +123,8 @@ def _title(scene: Scene, model) -> tuple[str, ...]:
         for letter, what in (("q", "coordinates"), ("p", "momenta")):
             given = model._remade[1][0][letter]
             names = given if isinstance(given, list | tuple) else [given] if given is not None else []
-            lines += [f"   {what} {', '.join(harmless(x) for x in names)}: the rows of {letter}"] if names else []
+            where = f"the rows of {letter}" + (", for one site after the other" if model._chain else "")
+            lines += [f"   {what} {', '.join(harmless(x) for x in names)}: {where}"] if names else []
     return tuple(lines)
 
 

@@ -88,8 +88,10 @@ def _model(given: Given) -> list[str]:
         lines += ["   traits.touches_from = touches_from;", "   traits.touches = touches;"]
     lines += ["   double par[] = {"] if given.parameters else ["   double par[] = {0};"]
     lines += [
-        f"      {_number(value)}, /* c{k}: {harmless(x)} */" for k, (x, value) in enumerate(given.parameters.items())
+        f"      {'0, /* of each site:' if isinstance(value, tuple) else f'{_number(value)}, /* c{k}:'} {harmless(x)} */"
+        for k, (x, value) in enumerate(given.parameters.items())
     ]
+    lines += [f"      {_number(x)}," for value in given.parameters.values() if isinstance(value, tuple) for x in value]
     lines += ["   };"] if given.parameters else []
     functions = ", ".join(f"formula_{kind}" for kind in ARGUMENTS)
     lines += [_checked(f'new("{given.name}", &traits, {functions}, par, &model')]

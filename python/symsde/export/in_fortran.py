@@ -39,6 +39,11 @@ def source(given: Given, compile_line: str) -> str:
     """The text of the whole file."""
     if given.is_chain and given.model._chain.outer is not None:
         raise InvalidArgumentError("functions of sums over sites are exported to C only: say --to c")
+    if given.is_chain and not given.model._chain.is_line:
+        raise InvalidArgumentError(
+            "sums over pairs, over sites of several coordinates, and parameters of sites are exported to C only: say "
+            "--to c"
+        )
     lines = [*(f"!> {line}".rstrip() for line in given.title), "!>", f"!>    {compile_line}"]
     if given.model is not None:
         lines += _module(given)

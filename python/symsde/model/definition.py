@@ -273,7 +273,8 @@ class Model(OpenSystem):
 
     @property
     def parameters(self) -> Mapping[str, Any]:
-        """Values of the parameters, to be read: numbers, or arrays (path,). A model never changes."""
+        """Values of the parameters, to be read: numbers, arrays (path,), or tuples with a number for each site. A model
+        never changes."""
         return types.MappingProxyType(self._parameters)
 
     @property
@@ -284,7 +285,7 @@ class Model(OpenSystem):
     @property
     def paths(self) -> int:
         """The number of paths for which there are values of parameters, one for each path; 0 = any number."""
-        return max((x.size for x in self._parameters.values() if np.ndim(x) and x.size > 1), default=0)
+        return max((x.size for x in self._parameters.values() if isinstance(x, np.ndarray) and x.size > 1), default=0)
 
     def _part(self, _where: slice | np.ndarray) -> Model:
         """The model of some paths of a run, by their places in it; the same where no parameter goes by path."""

@@ -461,7 +461,7 @@ def _saved_steps(times: object, options: abi.Options) -> np.ndarray:
 
 def _other_paths(model: Model, paths: int) -> WrongShapeError:
     """The error if arrays of parameters do not fit the paths of a run."""
-    arrays = [name for name, x in model.parameters.items() if np.ndim(x) and x.size > 1]
+    arrays = [name for name, x in model.parameters.items() if isinstance(x, np.ndarray) and x.size > 1]
     return WrongShapeError(
         f"the parameter{'s' if len(arrays) > 1 else ''} {', '.join(arrays)} of model {model.name} "
         f"{'have' if len(arrays) > 1 else 'has'} {model.paths} values, one for each path, and the run has "

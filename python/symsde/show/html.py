@@ -57,7 +57,8 @@ def told(value: Any) -> str:
     """The value of a parameter, shortened."""
     if np.ndim(value) == 0:
         return f"{value:g}"
-    return f"[{value[0]:g}]" if value.size == 1 else f"[{value[0]:g}, .. {value[-1]:g}; {value.size} paths]"
+    what = "sites" if isinstance(value, tuple) else "paths"
+    return f"[{value[0]:g}]" if len(value) == 1 else f"[{value[0]:g}, .. {value[-1]:g}; {len(value)} {what}]"
 
 
 def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str:

@@ -21,7 +21,10 @@ structure            traits and invariants, derived from formulas
 emit_c               C for the callbacks of the library
 emit_flow            C for whole steps of a scheme; the steps are in the headers flow_*.h
 sites                chains: sums over sites
+site_reader          texts about sites: q[i + 1], m[i], Sum(.., i), Sum(.., i < j)
+site_traits          traits of sums over sites
 site_loops           C for one site of a density
+pair_loops           C for all sites, or all pairs of sites, of a density
 emit_sites           C for the callbacks of a chain
 emit_rows            C for the rows of a chain that couples neighbours only
 emit_chain_flow      C for whole steps of such a chain; the steps are in flow_chain.h

@@ -7,9 +7,10 @@ sites only, also needs the gradients of the sums.
 
 from __future__ import annotations
 
+from . import pair_loops
 from .derivatives import Derivatives
 from .emit_c import Loops
-from .site_loops import additions, one_or_many, over_sites, site_loop
+from .site_loops import additions, count_of_rows, one_or_many, sites_of
 from .sites import Chain
 
 #: arrays of outputs besides the weights w: g, the derivatives of the functions with respect to the sums; r, the product
@@ -157,8 +158,9 @@ def source(chain: Chain) -> str:
         sums=count, outer=len(outer.numbers), pairs=len(pairs), at_least_one=max(1, len(pairs)), table=table
     )
     parts = [head, _added_up(chain, "sums", "SUMS"), _added_up(chain, "along", "SUMS", "vq", "vp")]
-    parts += [_added_up(chain, f"inner_{x}", "sites") for x in ("hq", "hp")]
-    return "\n".join([*parts, _functions(made, pairs), _prepare(outer.numbers), CALLBACKS])
+    parts += [_added_up(chain, f"inner_{x}", count_of_rows(chain.size)) for x in ("hq", "hp")]
+    callbacks = CALLBACKS.replace("user, ndof", f"user, {sites_of(chain.size)}")
+    return "\n".join([*parts, _functions(made, pairs), _prepare(outer.numbers), callbacks])
 
 
 def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
@@ -172,15 +174,18 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
             continue
         slope = name.removeprefix("inner_")
         if name != slope:  # weighted, as in the gradient
-            there, function = site_loop(d, additions(d, slope)), f"{slope}_{k}"
+            there, function = additions(d, chain.size, slope), f"{slope}_{k}"
         else:
-            node = _value if name == "sums" else _along
-            adds = [(f"{name}[{a} * (ptrdiff_t)n + i]", node(d.derivatives, j)) for j, a in enumerate(d.inner)]
-            there, function = site_loop(d, adds), f"{name}_{k}"
+            node, function = _value if name == "sums" else _along, f"{name}_{k}"
+            nodes = [(a, node(d.derivatives, j)) for j, a in enumerate(d.inner)]
+            there = [
+                (f"{name}[{a} * (ptrdiff_t)n + i]", x) for a, x in nodes if not d.derivatives.graph.is_number(x, 0.0)
+            ]
             if there:
-                text += f"INLINE {function}({parameters}, const ptrdiff_t site, const int far) {{\n{there}}}\n\n"
+                own = parameters, ["sites", *vectors, name]
+                text += pair_loops.function(d, chain.size, function, there, given=own)
         if there:
-            loops += over_sites(d, f"{function}(n, {names}, site, far)", name != slope and d.offsets == (0,))
+            loops += pair_loops.call(d, function, names, name != slope and d.is_own)
     zero = f"   memset({name}, 0, (size_t)({rows} * (ptrdiff_t)n) * sizeof(double));\n"
     text += f"INLINE all_{name}({parameters}, const int far) {{\n   int64_t beyond = 0;\n{zero}{loops}"
     text += "   return beyond;\n}\n\n"

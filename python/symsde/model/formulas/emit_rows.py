@@ -196,7 +196,11 @@ def source(chain: Chain) -> str:
 def has_rows(chain: Chain) -> bool:
     """Whether each row of the force couples neighbours only, by densities that are the same in every row."""
     traits = chain.traits
-    if chain.outer or not (traits["identity_mass"] and (traits["position_noise"] or traits["additive"])):
+    if (
+        chain.outer
+        or not chain.is_line
+        or not (traits["identity_mass"] and (traits["position_noise"] or traits["additive"]))
+    ):
         return False
     reach = max(d.offsets[-1] - d.offsets[0] for d in chain.densities)
     near = traits["bandwidth"] == 1 or (chain.ends == "periodic" and reach == 1)

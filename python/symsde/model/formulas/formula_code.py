@@ -124,7 +124,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         chain = _chain(**chosen, n=given["n"], ends=given["ends"], split=given["split"])
         structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
-        traits, part = {**traits, "ndof": chain.n}, chain.part
+        own, part = chain.columns(), chain.part
     derived = time.perf_counter() - start
     compiled = _compiled(source, derivatives is None)
     formula = Formula(
@@ -139,7 +139,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     sites = chain and chain.n  # numbers, where arrays may have been given
     given = {**given, "n": sites, "damping": formulas}
     kind = parameters.kind_of(values)
-    told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
+    told = {"ndof": problem.ndof if chain is None else chain.n * chain.size, "nnoise": nnoise, **traits}
     kinds[kind] = Code(
         given, kind, own, dict(values), told, formula, derivatives, chain, rotation, part, compiled, kinds, pulls,
         rates, kicks=_kicks_of(derivatives) if compiled and given.get("steps", True) else None,
@@ -234,8 +234,9 @@ def _chain(*, H, noise, q, p, params, t, invariants, n, ends, split) -> Chain:
         raise InvalidArgumentError(
             f"split = {checks.shown(split)}: models of n sites take no quadratic part; leave it out"
         )
-    if q is not None or p is not None or invariants:
-        raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
-    chain = make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
-    parameters.require_numbers(chain.parameters, "of sums over sites")
-    return chain
+    if (q is None) != (p is None) or invariants:
+        raise InvalidArgumentError(
+            "sums over n sites are in q[i] and p[i]: leave out q, p and invariants, or name the coordinates of a site "
+            "and as many momenta, as q='x y z', p='px py pz' for x[i], px[i], .."
+        )
+    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends, components=None if q is None else (q, p))

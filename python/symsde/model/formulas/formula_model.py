@@ -29,7 +29,7 @@ from .derivatives import Derivatives
 from .formula_code import Code, Formula
 from .named_formulas import MAX_DOF, named, quoted, several, unused
 from .parse import folded
-from .sites import Chain
+from .sites import Chain, by_site
 
 
 class FormulaModel(Model):
@@ -101,6 +101,9 @@ class FormulaModel(Model):
         if len(chosen) < len(values):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
         chosen = {key: parameters.value_of(key, value) for key, value in chosen.items()}
+        for key in self._chain.arrays if self._chain else ():
+            if key in chosen:
+                chosen[key] = by_site(key, chosen[key], self._chain.n)
         values = {**self._parameters, **chosen}
         rates = self._by_formula or self._varying or (self._asked if self.damping and self._asked.any() else None)
         self._require_own_friction()
@@ -214,12 +217,15 @@ def model_from_sympy(
       q1, q2, .. row by row; formulas may then hold products of matrices. By default they are q and p, or q1, q2, ..
       and p1, p2, .. as the texts use them. Results, figures and files have these names; instead of q, q1, .. they have
       q_1, q_2, ..
-    - params: values of all other symbols, by name: numbers, or arrays (path,) with a value for each path of a run
+    - params: values of all other symbols, by name: numbers, or arrays (path,) with a value for each path of a run;
+      with n arrays (n,) with a value for each site
     - t: the symbol of time, by default t
     - invariants: candidates I. For each it is proved, or not, that I_t + {I, H} = 0 and {I, H_k} = 0
       (``model.formula.structure.invariants``)
     - n: the formulas are texts about n sites: sums such as `Sum((q[i+1] - q[i])**2/2, i)`, which stay loops for any n,
-      and noises such as "-sigma*q[k]", one for each site
+      and noises such as "-sigma*q[k]", one for each site. `Sum(.., i < j)` is over all pairs of sites. With q="x y z",
+      p="u v w" a site has these coordinates, x[i], y[i], .., and states have one site after the other. A parameter that
+      is an array (n,) has a number for each site, m[i]
     - ends: of sums over neighbours. "free" leaves out what would reach beyond an end, "fixed" takes q and p beyond both
       ends as zero, so that the bond before the first site counts as the one behind the last, and "periodic" closes the
       ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3

@@ -61,9 +61,9 @@ class FormulaObservables:
     def __init__(self, model: Model, formulas: Mapping[str, Any], *, compiles: bool = True):
         """Read and, by default, compile the formulas; errors name the observable."""
         parameters = {key: x for key, x in model.parameters.items() if is_name(key) and np.isscalar(x)}
-        _refuse_arrays(formulas, {key for key, x in model.parameters.items() if np.ndim(x)})
+        _refuse_arrays(formulas, {key: x for key, x in model.parameters.items() if np.ndim(x)})
         given = model._remade[1][0] if hasattr(model, "formula") else {}
-        names = tuple((letter, _own(given.get(letter)), model.ndof) for letter in "qp")
+        names = letters_of(model)
         ends = "free" if given.get("n") is None else given["ends"]
         self._read = _read(tuple(formulas.items()), names, tuple(parameters), given.get("t"), ends, compiles=compiles)
         self._values = np.array([float(x) for x in parameters.values()] or [0.0])
@@ -104,13 +104,23 @@ class FormulaObservables:
         return values
 
 
-def _refuse_arrays(formulas: Mapping[str, Any], arrays: set[str]) -> None:
-    """Refuse observables of parameters that go by path: an observable is not told which paths it is shown."""
+def letters_of(model: Model) -> tuple[tuple[str, tuple | None, int], ...]:
+    """q and p, each with the model's own names of all its coordinates, if it has any; of sites x_1, y_1, .., x_2, .."""
+    given, n = model._remade[1][0] if hasattr(model, "formula") else {}, model.ndof
+    own = [_own(given.get(letter)) for letter in "qp"]
+    if given.get("n") is not None:
+        own = [model._coordinates[:n] or None, model._coordinates[n:] or None]
+    return tuple((letter, names, n) for letter, names in zip("qp", own, strict=True))
+
+
+def _refuse_arrays(formulas: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
+    """Refuse observables of parameters that go by path, which an observable is not told, or by site."""
     for name, formula in formulas.items():
-        for key in sorted(arrays - set(unused(dict.fromkeys(arrays), [formula]))):
+        for key in sorted(set(arrays) - set(unused(arrays, [formula]))):
+            what = "site to site" if isinstance(arrays[key], tuple) else "path to path"
             raise IncompatibleError(
-                f"observable {name!r} holds {key}, whose values differ from path to path, and observables take "
-                "parameters that are the same for all: save the paths, and compute it from them"
+                f"observable {name!r} holds {key}, whose values differ from {what}, and observables take "
+                "parameters that are one number: save the paths, and compute it from them"
             )
 
 

@@ -75,6 +75,14 @@ def kind_of(values: dict[str, Any]) -> tuple:
     )
 
 
+def packed(values: Mapping[str, Any]) -> np.ndarray:
+    """Values as compiled functions read them: a number for each parameter, and behind these the numbers of those that
+    have one for each site (a tuple)."""
+    alone = [0.0 if isinstance(x, tuple) else x for x in values.values()]
+    arrays = [x for x in values.values() if isinstance(x, tuple)]
+    return np.concatenate([alone or [0.0], *arrays])
+
+
 def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaModel:
     """The model of compiled functions with these values of its parameters, in the order of the formulas."""
     model = copied(root)
@@ -90,7 +98,7 @@ def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaMod
     if code.kind[0]:
         table, numbers = _constants(code, values), None
     else:
-        table, numbers = None, np.array(list(values.values()) or [0.0])
+        table, numbers = None, packed(values)
         gradient, value, w = code.direct
         model._direct = gradient, value, numbers.ctypes.data, w
     frequencies = None if rotation is None else np.array(rotation)

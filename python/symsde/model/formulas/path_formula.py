@@ -12,7 +12,7 @@ from ...errors import IncompatibleError, InvalidArgumentError
 from ...native import checks
 from ...native.files import optional
 from ..definition import Model
-from .formula_observables import FormulaObservables, _known, _own
+from .formula_observables import FormulaObservables, _known, letters_of
 from .parse import is_name
 
 
@@ -23,8 +23,7 @@ class PathFormula:
         """Read and differentiate the formula; positions: parameters by which it is differentiated."""
         numbers = tuple(key for key, x in model.parameters.items() if is_name(key) and np.isscalar(x))
         given = model._remade[1][0] if hasattr(model, "formula") else {}
-        letters = tuple((letter, _own(given.get(letter)), model.ndof) for letter in "qp")
-        formulas, self._terms = _derived(formula, letters, numbers, given.get("t"), tuple(positions))
+        formulas, self._terms = _derived(formula, letters_of(model), numbers, given.get("t"), tuple(positions))
         self._observables = FormulaObservables(model, formulas)
         self._nparameter = len(positions)
 

@@ -3,20 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from .derivatives import BLOCKS
 from .emit_c import Writer
+from .graph import reachable
+from .site_reader import Row
 from .sites import Density
 
 #: vectors that outputs depend on besides the state: for products with the Hessian, and for third derivatives
 VECTORS = dict.fromkeys(("uq", "up"), ("vq", "vp")) | dict.fromkeys(("tq", "tp"), ("aq", "ap", "bq", "bp"))
 GRADIENT = {"uq": "hq", "up": "hp"}  #: rows of a product -> the same rows of the gradient
-
-
-def over_sites(d: Density, call: str, own: bool = False) -> str:
-    """A call for every site of a density; `own` means that each site writes only to its own row, so that sites are
-    independent."""
-    apart = "#pragma GCC ivdep\n" if own else ""
-    return f"{apart}   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n      beyond |= {call};\n"
 
 
 def one_or_many(name: str, parameters: str, names: str) -> str:
@@ -28,38 +25,93 @@ def one_or_many(name: str, parameters: str, names: str) -> str:
     return text + f"   if (n > 1 && all_{name}(n, {names}, 0) < 0)\n      all_{name}(n, {names}, 1);\n}}\n"
 
 
-def site_loop(d: Density, adds: list[tuple[str, int]], how: str = "+=") -> str:
-    """One site: a loop over lanes that adds to the rows of neighbours; empty if there is nothing to add."""
+def site_loop(d: Density, size: int, adds: list[tuple[str, int]], how: str = "+=") -> str:
+    """One site: a loop over lanes that adds to the rows of neighbours."""
+    before, inside, adds = summand(d, size, adds)
+    stores = [f"      {target} {how} {value};" for target, value in adds]
+    head = ["   int64_t beyond = 0;", *before, "#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
+    return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
+
+
+def summand(d: Density, size: int, adds: list[tuple[str, int]]) -> tuple[list[str], list[str], list[tuple[str, str]]]:
+    """Code of a summand that is equal for all lanes, and that of one lane; places and values of the
+    additions. size: coordinates of a site."""
     graph = d.derivatives.graph
-    adds = [(target, node) for target, node in adds if not graph.is_number(node, 0.0)]
-    if not adds:
-        return ""
+    first = len(d.derivatives.problem.parameters) - len(d.given)
 
     def load(name: str) -> str:
         letter = name.rstrip("0123456789")
         if letter == "w":
             row = d.inner[int(name[1:])] if d.inner else f"({d.weight}{' + site' if d.family else ''})"
             return f"w[{row} * (ptrdiff_t)n + i]"
-        return f"{letter}[ROW({d.offsets[int(name[len(letter) :])]}) * n + i]"
+        return f"{letter}[{row_of(d.rows[int(name[len(letter) :])], size)} * n + i]"
 
-    writer = Writer(graph, load)
+    given = {
+        graph.leaf(f"c{first + k}", False): f"c[{first} + {row.component} * sites + {_site_of(row)}]"
+        for k, row in enumerate(d.given)
+    }
+    writer = (_PairWriter if d.is_pair else Writer)(graph, load, given)
     before, inside, _ = writer.lines([node for _, node in adds])
-    stores = [f"      {target} {how} {writer.operand(node)};" for target, node in adds]
-    head = ["   int64_t beyond = 0;", *before, "#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
-    return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
+    return before, inside, [(target, writer.operand(node)) for target, node in adds]
 
 
-def additions(d: Density, output: str) -> list[tuple[str, int]]:
+class _PairWriter(Writer):
+    """Operations in C, where quotients with the same denominator are products with its reciprocal: a pair has a
+    force in each direction, over the same power of the distance."""
+
+    def lines(self, roots: Iterable[int]) -> tuple[list[str], list[str], bool]:
+        """See Writer."""
+        roots = list(roots)
+        needed = [self.graph.nodes[x] for x in reachable(self.graph, roots, self.given) if x not in self.given]
+        below = [node.arguments[1] for node in needed if node.lane and node.what == "/"]
+        self._shared = {x for x in below if below.count(x) > 1 and self.graph.nodes[x].lane}
+        return super().lines(roots)
+
+    def statement(self, x: int, done: set[int]) -> list[str]:
+        """See Writer."""
+        node = self.graph.nodes[x]
+        if node.what != "/" or node.arguments[1] not in self._shared:
+            return super().statement(x, done)
+        above, below = node.arguments
+        first = [] if below in done else [f"      const double r{below} = 1.0 / {self.operand(below)};"]
+        done.add(below)
+        value = f"r{below}" if self.graph.is_number(above, 1.0) else f"{self.operand(above)} * r{below}"
+        return [*first, f"      const double x{x} = {value};"]
+
+
+def row_of(row: Row, size: int) -> str:
+    """The row of a coordinate of a site, in C."""
+    return _site_of(row) if size == 1 else f"({size} * {_site_of(row)} + {row.component})"
+
+
+def _site_of(row: Row) -> str:
+    return "other" if row.second else f"ROW({row.offset})"
+
+
+def additions(d: Density, size: int, output: str) -> list[tuple[str, int]]:
     """Places and values of the additions, in C."""
-    rows = [f"ROW({o})" for o in d.offsets]
-    places = {0: "i", 1: "{0} * n + i", 2: "({1} * sites + {0}) * n + i"}
-    return [(f"{output}[{places[len(at)].format(*(rows[k] for k in at))}]", node) for at, node in entries(d, output)]
+    rows = [row_of(row, size) for row in d.rows]
+    places = {0: "i", 1: "{0} * n + i", 2: f"({{1}} * {count_of_rows(size)} + {{0}}) * n + i"}
+    return [
+        (f"{output}[{places[len(at)].format(*(rows[k] for k in at))}]", node)
+        for at, node in entries(d, output)
+        if not d.derivatives.graph.is_number(node, 0.0)
+    ]
+
+
+def sites_of(size: int) -> str:
+    """The number of sites of ndof rows, in C."""
+    return "ndof" if size == 1 else f"ndof / {size}"
+
+
+def count_of_rows(size: int) -> str:
+    """The number of rows of all sites, in C."""
+    return "sites" if size == 1 else f"({size} * sites)"
 
 
 def entries(d: Density, output: str) -> list[tuple[tuple[int, ...], int]]:
-    """The terms that one site adds to an output: places in d.offsets, one for each index of the output, and the
-    node."""
-    size, made = len(d.offsets), d.derivatives.outputs
+    """The terms that one site adds to an output: places in d.rows, one for each index of the output, and the node."""
+    size, made = len(d.rows), d.derivatives.outputs
     if output == "value":
         return [((), made["value"][0])]
     if output in ("hq", "hp"):
@@ -74,7 +126,7 @@ def entries(d: Density, output: str) -> list[tuple[tuple[int, ...], int]]:
 
 def _product(d: Density, output: str, i: int) -> int:
     """Row i of the Hessian times (vq, vp)."""
-    graph, size, made = d.derivatives.graph, len(d.offsets), d.derivatives.outputs
+    graph, size, made = d.derivatives.graph, len(d.rows), d.derivatives.outputs
     own, other = ("vq", "vp") if output == "uq" else ("vp", "vq")
     same = made["hqq" if output == "uq" else "hpp"]
     terms = []

@@ -15,22 +15,26 @@ number * Sum(.., i) make their sums collective variables (`collective.py`).
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ...errors import InvalidArgumentError
+import numpy as np
+
+from ...errors import InvalidArgumentError, WrongShapeError
 from ...native import checks
 from ...native.files import optional
 from . import actions
 from .collective import Outer, make_outer, split
 from .derivatives import Derivatives
 from .named_formulas import Names, Problem, quoted
-from .parse import FormulaTextError, Reader, parse
+from .parse import FormulaTextError, check_name, folded, parse
+from .site_reader import Row, SiteReader, local_symbol, locals_of, rows_of
+from .site_traits import touches_of, traits_of
 
 MAX_SITES = 100_000
-MAX_OFFSET = 8
+MAX_COMPONENTS = 8  #: most coordinates of a site: a pair has twice as many, and their third derivatives
 ENDS = ("free", "fixed", "periodic")
 
 
@@ -84,11 +88,28 @@ class Density:
     family: bool  #: whether each site has its own Hamiltonian
     first: Place
     last: Place
-    offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
+    rows: tuple[Row, ...]  #: where coordinate k of `derivatives` stands
     derivatives: Derivatives
     is_rest: bool = False  #: whether the density is the part beyond the ends of another density
     #: indices of the sums inside functions that the density adds to, one for each of its Hamiltonians; else empty
     inner: tuple[int, ...] = ()
+    #: parameters of sites: those behind the last parameter of the chain in `derivatives` -> component, and the row
+    given: tuple[Row, ...] = ()
+
+    @property
+    def offsets(self) -> tuple[int, ...]:
+        """Coordinate k of `derivatives` belongs to site + offsets[k]."""
+        return tuple(row.offset for row in self.rows)
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether the sum is over pairs of sites."""
+        return any(row.second for row in (*self.rows, *self.given))
+
+    @property
+    def is_own(self) -> bool:
+        """Whether each site adds to its own rows alone."""
+        return not self.is_pair and not any(self.offsets)
 
 
 @dataclass(frozen=True)
@@ -96,6 +117,8 @@ class Chain:
     """Sums over sites, and the results derived from them."""
 
     n: int
+    components: tuple[tuple[str, ...], tuple[str, ...]]  #: names of coordinates and of momenta of a site
+    arrays: tuple[str, ...]  #: parameters with a number for each site
     nnoise: int
     ends: str
     densities: tuple[Density, ...]
@@ -105,6 +128,24 @@ class Chain:
     traits: dict[str, Any]
     part: actions.Part | None  #: the quadratic part of H between kicks by functions of the actions
 
+    @property
+    def size(self) -> int:
+        """Number of coordinates of a site."""
+        return len(self.components[0])
+
+    def columns(self) -> tuple[str, ...]:
+        """Names of coordinates and momenta in results; empty for q_1, q_2, .., p_1, p_2, .."""
+        if self.components == (("q",), ("p",)):
+            return ()
+        names = [f"{x}_{i + 1}" for own in self.components for i in range(self.n) for x in own]
+        odd = any(re.fullmatch(r"[qp]_[0-9]+|.*[^a-zA-Z0-9_].*", x) for x in names) or len(set(names)) < len(names)
+        return () if odd else tuple(names)
+
+    @property
+    def is_line(self) -> bool:
+        """Whether sites have one coordinate each, are all alike, and are summed one by one."""
+        return self.size == 1 and not any(d.is_pair or d.given for d in self.densities)
+
 
 @dataclass(frozen=True)
 class _Whose:
@@ -113,106 +154,19 @@ class _Whose:
     text: str
     weight: Number
     family: bool
-    parameters: dict[str, float]
+    parameters: dict[str, Any]
 
 
-class SiteReader(Reader):
-    """A parser that also reads q[i + 1], p[i] and Sum(.., i)."""
-
-    def __init__(self, names: Mapping[str, Any], index: str | None = None):
-        """`index`: the index in the brackets; "" means the first one found, None means that indices occur in sums
-        only.
-        """
-        super().__init__(names)
-        self.index = index
-        self.sums: dict[Any, Any] = {}
-
-    def read(self, node: ast.AST, depth: int) -> Any:
-        """The expression of a node."""
-        if isinstance(node, ast.Subscript):
-            return self._site(node)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Sum":
-            return self._sum(node, depth)
-        return super().read(node, depth)
-
-    def _named(self, name: str) -> Any:
-        if self.index and name == self.index:
-            raise FormulaTextError(
-                f"it takes {name} as a number: a term may depend on its site only by q[{name}] and p[{name}]; write a "
-                "few sites with coefficients of their own as q1, q2, .. without n"
-            )
-        return super()._named(name)
-
-    def _site(self, node: ast.Subscript) -> Any:
-        """q[i + 1] as the coordinate at an offset."""
-        letter = node.value.id if isinstance(node.value, ast.Name) else ""
-        if letter not in ("q", "p"):
-            raise FormulaTextError(
-                "it holds an index of something that is not q or p: coefficients are the same at all sites; "
-                "few sites that differ are written as q1, q2, .. without n"
-            )
-        name, offset = node.slice, 0
-        if isinstance(name, ast.BinOp) and isinstance(name.op, ast.Add | ast.Sub):
-            shift = name.right.value if isinstance(name.right, ast.Constant) else None
-            if type(shift) is not int or shift > MAX_OFFSET:
-                raise FormulaTextError(f"it holds an index that is not i, i + 1, .. i + {MAX_OFFSET}, i - 1, ..")
-            offset = shift if isinstance(name.op, ast.Add) else -shift
-            name = name.left
-        if isinstance(name, ast.Name) and name.id in self.names:
-            raise FormulaTextError(
-                f"it holds the index [{name.id}], and {name.id} is a parameter: call the index by another letter, "
-                f"as in {letter}[i], or rename the parameter"
-            )
-        if not isinstance(name, ast.Name):
-            raise FormulaTextError(
-                "it holds an index that is not i, i + 1, i - 1, ..: neighbours alone are tied, at all sites alike; "
-                "few sites that differ are written as q1, q2, .. without n"
-            )
-        if self.index is None:
-            raise FormulaTextError(f"it holds {letter}[{name.id}] outside of a sum: write Sum(.., {name.id})")
-        if self.index == "":
-            self.index = name.id  # the first index found in a family of noises
-        if name.id != self.index:
-            raise FormulaTextError(f"it holds the index {name.id}, where there is {self.index}")
-        return self.sympy.Symbol(f"{letter}{offset:+d}", real=True)
-
-    def _sum(self, node: ast.Call, depth: int) -> Any:
-        if len(node.args) != 2 or node.keywords or not isinstance(node.args[1], ast.Name):
-            raise FormulaTextError("it holds a Sum that is not written Sum(formula, i), over all sites by one index")
-        if self.index:
-            raise FormulaTextError(
-                "it holds a Sum in a Sum, or beside an index: write sums over pairs by products of sums, as "
-                "Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2 for all cos(q[i]-q[j])"
-            )
-        index = node.args[1].id
-        if index in self.names or index in ("q", "p"):
-            means = "a parameter" if index in self.names else "a coordinate"
-            raise FormulaTextError(
-                f"it sums over {index}, which means something else, {means}: call the index by another letter, as in "
-                "Sum(.., i)"
-            )
-        before, self.index = self.index, index
-        body = self.read(node.args[0], depth + 1)
-        self.index = before
-        for known, same in self.sums.items():
-            if same == body:
-                return known
-        stand_in = self.sympy.Dummy("Sum", real=True)
-        self.sums[stand_in] = body
-        return stand_in
-
-
-def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: Any) -> Chain:
-    """Read and differentiate sums over sites."""
+def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: Any, components: Any = None) -> Chain:
+    """Read and differentiate sums over sites; components: names of the coordinates and of the momenta of a site."""
     sympy = optional("sympy", "sympy")
     count = checks.integer("n", n)
     if not 2 <= count <= MAX_SITES:
         raise InvalidArgumentError(f"n = {count} sites for {quoted(str(H))}: give from 2 to {MAX_SITES}")
     checks.choice("ends", ends, ENDS)
     names = Names(sympy, {}, params, t, count)
-    for letter in ("q", "p"):
-        if letter in names.known:
-            raise InvalidArgumentError(f"the name {letter!r} is a coordinate of sites: give the parameter another one")
+    components = _components(components, names, count)
+    arrays = _arrays(names.values, count)
     texts = [H, *noise]
     for text in texts:
         if not isinstance(text, str):
@@ -220,7 +174,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     densities, weight, inner, functions = [], Number(), {}, []
     for j, text in enumerate(texts):
         try:
-            family, bodies, rest, sums = _bodies(text, names.known, is_noise=j > 0)
+            family, bodies, rest, sums = _bodies(text, (names.known, components, arrays), is_noise=j > 0)
             for body in bodies if family else [part for whole in bodies for part in _apart(whole, ends)]:
                 densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
@@ -235,22 +189,65 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
         weight = weight.after(family)
     outer = make_outer(functions, len(inner), names.values) if functions else None
-    traits = _traits(densities, outer, count, ends == "periodic")
+    size = len(components[0])
+    traits = traits_of(densities, outer, (count, size), ends == "periodic")
     kicked = traits["position_noise"] and (traits["identity_mass"] or traits["constant_mass"])
-    part = None if kicked else actions.of_sites(densities, count)
-    if part and (split := part.at(list(names.values.values()))):
-        traits |= {"split": split, "kicks": part.kicks}
-    return Chain(
+    chain = Chain(
         n=count,
+        components=components,
+        arrays=arrays,
         nnoise=weight.of(count) - 1,
         ends=ends,
         densities=tuple(densities),
         outer=outer,
         texts=tuple(texts),
         parameters=names.values,
-        traits=traits | {"touches": _touches(densities, outer, weight.of(count) - 1, count)},
-        part=part,
+        traits=traits | {"touches": touches_of(densities, outer, weight.of(count) - 1, (count, size))},
+        part=None,
     )
+    part = actions.of_sites(densities, count) if chain.is_line and not kicked else None
+    if part and (split := part.at(list(names.values.values()))):
+        traits = {**chain.traits, "split": split, "kicks": part.kicks}
+        return replace(chain, part=part, traits=traits)
+    return chain
+
+
+def _components(given: Any, names: Names, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the coordinates and momenta of a site, q and p by default."""
+    own = tuple(tuple(map(folded, x)) for x in given or (("q",), ("p",)))
+    every = [x for letter in own for x in letter]
+    if len(own[0]) != len(own[1]) or not own[0]:
+        raise InvalidArgumentError(
+            f"q names {len(own[0])} coordinates of a site and p {len(own[1])} momenta: give as many of each"
+        )
+    if len(own[0]) > MAX_COMPONENTS or len(own[0]) * count > MAX_SITES:
+        raise InvalidArgumentError(
+            f"q names {len(own[0])} coordinates of each of {count} sites: allowed are {MAX_COMPONENTS}, and "
+            f"{MAX_SITES} at all sites together; the names stand for coordinates of one site, as q='x y z'"
+        )
+    for x in every:
+        check_name(x)
+        if x in names.known or every.count(x) > 1:
+            raise InvalidArgumentError(f"the name {x!r} is a coordinate of sites: give the parameter another one")
+    return own
+
+
+def _arrays(values: dict[str, Any], count: int) -> tuple[str, ...]:
+    """The parameters with a number for each site, whose values become tuples."""
+    found = tuple(x for x, value in values.items() if np.ndim(value))
+    for x in found:
+        values[x] = by_site(x, values[x], count)
+    return found
+
+
+def by_site(name: str, value: Any, count: int) -> tuple[float, ...]:
+    """The values of a parameter at all sites."""
+    if np.shape(value) != (count,):
+        raise WrongShapeError(
+            f"the parameter {name} has {np.size(value)} values for {count} sites: in sums over sites an array holds a "
+            "number for each site; for parameters that differ by path make a run for each value"
+        )
+    return tuple(np.asarray(value, dtype=float).tolist())
 
 
 def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Density]:
@@ -258,21 +255,25 @@ def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Dens
     together: dict[tuple, list[tuple[int, Any]]] = {}
     for number, body in enumerate(bodies):
         for piece, first, last in at_ends(body, ends, count):
-            if offsets := offsets_of(piece):
-                together.setdefault((first, last, tuple(sorted({*offsets.values()}))), []).append((number, piece))
+            if rows := rows_of(piece):
+                key = first, last, *sorted({(row.second, row.offset) for row in rows.values()})
+                together.setdefault(key, []).append((number, piece))
     made = []
-    for (first, last, offsets), group in together.items():
+    for (first, last, *_), group in together.items():
         numbers, pieces = zip(*group, strict=True)
-        made.append(Density(whose.weight, False, first, last, offsets, _differentiated(pieces, whose), inner=numbers))
+        made.append(_derived(pieces, whose, first, last, inner=numbers))
     return made
 
 
-def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, list[Any], Any, dict[Any, Any]]:
+def _bodies(
+    text: str, known: tuple[Mapping[str, Any], Any, Any], is_noise: bool
+) -> tuple[bool, list[Any], Any, dict[Any, Any]]:
     """Split a formula: whether it is a family with one member per site; its densities; the rest in symbols, and
     their sums.
     """
+    names, components, arrays = known
     for family in (False, True) if is_noise else (False,):
-        reader = SiteReader(names, "" if family else None)
+        reader = SiteReader(names, "" if family else None, components, arrays)
         try:
             total = parse(text, names, reader)
         except FormulaTextError as error:
@@ -280,6 +281,8 @@ def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, 
                 continue
             raise
         if family:
+            if not rows_of(total):
+                raise FormulaTextError("it holds no coordinate of its site: one noise for each site is written as q[k]")
             return True, [total], reader.sympy.Integer(0), {}
         if not reader.sums:
             raise FormulaTextError("it holds no Sum(.., i): with n sites, write sums over them")
@@ -304,10 +307,12 @@ def _apart(body: Any, ends: str) -> list[Any]:
         if len(shifts) != 1:
             rest.append(term)
             continue
-        local.append(term.xreplace({x: sympy.Symbol(f"{x.name[0]}+0", real=True) for x in symbols}))
-        if ends == "fixed":
-            rest.append(term.xreplace(dict.fromkeys(symbols, sympy.Integer(0))))
-            local[-1] -= rest[-1]
+        here = {x: local_symbol(x.name[0], replace(row, offset=0)) for x, row in locals_of(body).items()}
+        local.append(term.xreplace(here))
+        still = term.xreplace(dict.fromkeys(rows_of(body), sympy.Integer(0)))
+        if ends == "fixed" and not locals_of(still):  # numbers of sites have no value beyond the ends
+            rest.append(still)
+            local[-1] -= still
     own, others = sympy.Add(*local), sympy.Add(*rest)
     if not offsets_of(own) or (others != 0 and not offsets_of(others)):
         return [body]
@@ -327,17 +332,19 @@ def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
     if ends == "free" and whose.family and set(offsets_of(body).values()) - {0}:
         raise FormulaTextError("one noise for each site reaches beyond free ends: say ends = fixed or periodic")
     whole, *rest = at_ends(body, ends, count, every_site=not whose.family)
-    pieces = [_density(whole[0], whose, *whole[1:])]
-    pieces += [_density(cut, whose, first, last, is_rest=True) for cut, first, last in rest]
-    return [x for x in pieces if x is not None]
+    pieces = [_derived((whole[0],), whose, *whole[1:])]
+    pieces += [_derived((cut,), whose, first, last, is_rest=True) for cut, first, last in rest if rows_of(cut)]
+    return pieces
 
 
 def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[tuple[Any, Place, Place]]:
     """The summand with its first and last site: the complete one, then its remaining parts at fixed ends.
     every_site: also count sites beyond the ends that have neighbours in the chain."""
     symbols = offsets_of(body)
-    if not symbols:
+    if not rows_of(body):
         raise FormulaTextError("it holds a sum without q[i] or p[i]: write the number of sites times the term instead")
+    if any(row.second for row in locals_of(body).values()):  # pairs have no ends
+        return [(body, Place(0), Place(-1, from_last=True))]
     low, high = min(symbols.values()), max(symbols.values())
     before, after = max(0, -low), max(0, high)
     if before + after >= count:
@@ -347,6 +354,11 @@ def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[t
     pieces = [(body, Place(before), Place(-after, from_last=True))]
     if ends == "free":
         return pieces
+    if (low or high) and len(symbols) > len(rows_of(body)):
+        raise FormulaTextError(
+            "it ties neighbours by a parameter with a number for each site, which has none beyond fixed ends: say "
+            "ends = free or periodic, and write bonds to walls as terms of single sites"
+        )
     for site in range(-high if every_site else 0, before):  # some neighbours lie before the first site
         cut = body.xreplace({x: 0 for x, o in symbols.items() if site + o < 0})
         pieces.append((cut, Place(site), Place(site)))
@@ -373,118 +385,23 @@ def row_macro(ends: str) -> str:
 
 
 def offsets_of(body: Any) -> dict[Any, int]:
-    """The q and p of neighbouring sites that a body contains, each with its offset."""
-    return {x: int(x.name[1:]) for x in body.free_symbols if _is_local(x)}
+    """The coordinates, momenta and parameters of neighbouring sites that a body contains, each with its offset."""
+    return {x: row.offset for x, row in locals_of(body).items()}
 
 
-def _is_local(symbol: Any) -> bool:
-    """Whether a symbol is q or p of a neighbouring site."""
-    return symbol.name[1:2] in ("+", "-")
-
-
-def _density(expression: Any, whose: _Whose, first: Place, last: Place, is_rest: bool = False) -> Density | None:
-    """A density with its derivatives; None where it is constant."""
-    offsets = tuple(sorted(set(offsets_of(expression).values())))
-    if not offsets:
-        return None
-    return Density(whose.weight, whose.family, first, last, offsets, _differentiated((expression,), whose), is_rest)
-
-
-def _differentiated(expressions: tuple[Any, ...], whose: _Whose) -> Derivatives:
-    """Differentiate with respect to the density's own names q0 .. and p0 .."""
+def _derived(expressions: Sequence[Any], whose: _Whose, first: Place, last: Place, **more: Any) -> Density:
+    """A density, differentiated with respect to its own names q0 .. and p0 .."""
     sympy = optional("sympy", "sympy")
-    local = {x: o for e in expressions for x, o in offsets_of(e).items()}
-    offsets = sorted({*local.values()})
-    places = {x: sympy.Symbol(f"{x.name[0]}{offsets.index(o)}", real=True) for x, o in local.items()}
+    local = {x: row for e in expressions for x, row in locals_of(e).items()}
+    rows = sorted({row for x, row in local.items() if x.name[0] != "c"})
+    given = sorted({row for x, row in local.items() if x.name[0] == "c"})
+    places = {
+        x: f"c{len(whose.parameters) + given.index(row)}" if x.name[0] == "c" else f"{x.name[0]}{rows.index(row)}"
+        for x, row in local.items()
+    }
+    places = {x: sympy.Symbol(name, real=True) for x, name in places.items()}
     renamed = tuple(e.xreplace(places) for e in expressions)
-    return Derivatives(Problem(renamed, (), (whose.text,), len(offsets), whose.parameters))
-
-
-def _block(d: Density, name: str, j: int = 0) -> list[Any]:
-    """Second derivatives of the j-th Hamiltonian of a density."""
-    q, p = d.derivatives.problem.coordinates("q"), d.derivatives.problem.coordinates("p")
-    rows, columns = {"qq": (q, q), "qp": (q, p), "pp": (p, p)}[name]
-    return [d.derivatives.of(x, y)[j] for x in rows for y in columns]
-
-
-def _slopes(d: Density, letter: str, j: int = 0) -> list[Any]:
-    """First derivatives of the j-th Hamiltonian of a density."""
-    return [d.derivatives.of(x)[j] for x in d.derivatives.problem.coordinates(letter)]
-
-
-def _all_zero(densities: list[Density], *names: str) -> bool:
-    return all(e == 0 for d in densities for name in names for e in _block(d, name))
-
-
-def _state_free(e: Any, d: Density) -> bool:
-    return not any(d.derivatives.problem.lanes[s.name] for s in getattr(e, "free_symbols", ()))
-
-
-def _traits(densities: list[Density], outer: Outer | None, count: int, periodic: bool) -> dict[str, Any]:
-    """Traits of the whole model, from derivatives that vanish identically."""
-    plain = [d for d in densities if not d.inner]
-    drift = [d for d in plain if d.weight.is_drift]
-    noises = [d for d in plain if not d.weight.is_drift]
-    kinetic = [d for d in drift if any(x != 0 for x in _slopes(d, "p"))]
-    identity = len(kinetic) == 1 and kinetic[0].offsets == (0,)
-    if identity:
-        [d] = kinetic
-        identity = d.derivatives.of("p0")[0] == d.derivatives.symbol["p0"]
-    constant = len(kinetic) == 1 and kinetic[0].offsets == (0,) and not identity and _all_zero(kinetic, "qp")
-    if constant:  # a number times p^2
-        [d] = kinetic
-        mass, p0 = d.derivatives.of("p0", "p0")[0], d.derivatives.symbol["p0"]
-        timeless = not any(s.name == "t" for s in getattr(mass, "free_symbols", ()))
-        constant = _state_free(mass, d) and timeless and (d.derivatives.of("p0")[0] - mass * p0).expand() == 0
-    reach = max(d.offsets[-1] - d.offsets[0] for d in densities)
-    traits = {
-        "separable": _all_zero(densities, "qp"),
-        "additive": _all_zero(noises, "qq", "qp", "pp"),
-        "position_noise": all(x == 0 for d in noises for x in _slopes(d, "p")),
-        "quadratic": all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
-        "identity_mass": identity,
-        "constant_mass": constant,
-        "diagonal_mass": constant,
-        "bandwidth": reach if 2 * reach < count - 1 and not (periodic and reach) else None,
-    }
-    return (
-        traits
-        if outer is None
-        else {key: left and traits[key] for key, left in _with_functions(densities, outer).items()}
-    )
-
-
-def _touches(densities: list[Density], outer: Outer | None, nnoise: int, count: int) -> list[list[int]]:
-    """The sites, from 1, that each noise touches."""
-    every = set(range(1, count + 1))
-    found: list[set[int]] = [set() for _ in range(nnoise)]
-    for d in densities:
-        if d.inner or d.weight.is_drift:
-            continue
-        first = d.weight.of(count) - 1
-        for site in range(d.first.of(count), d.last.of(count) + 1):
-            found[first + (site if d.family else 0)] |= {(site + o) % count + 1 for o in d.offsets}
-    for number in outer.numbers if outer else ():
-        if not number.is_drift:
-            found[number.of(count) - 1] = every
-    return [sorted(x) for x in found]
-
-
-def _with_functions(densities: list[Density], outer: Outer) -> dict[str, Any]:
-    """The traits that remain valid in the presence of functions of sums."""
-    places = [(d, j, number) for d in densities for j, number in enumerate(d.inner)]
-    of_q, of_p = ({a for d, j, a in places if any(x != 0 for x in _slopes(d, letter, j))} for letter in "qp")
-    bent = {a for d, j, a in places if any(e != 0 for name in ("qq", "qp", "pp") for e in _block(d, name, j))}
-    mixed = {a for d, j, a in places if any(e != 0 for e in _block(d, "qp", j))}
-    drift, noise = outer.used(True), outer.used(False)
-    return {
-        "separable": not mixed
-        and not any((a in of_q and b in of_p) or (a in of_p and b in of_q) for a, b in outer.pairs),
-        "additive": not noise,
-        "position_noise": not noise & of_p,
-        "quadratic": outer.is_quadratic() and not (drift | noise) & bent,
-        "identity_mass": not drift & of_p,
-        "constant_mass": not drift & of_p,
-        "diagonal_mass": not drift & of_p,
-        "bandwidth": None if drift | noise else True,
-    }
+    parameters = whose.parameters | {f"{k} of a site": 0.0 for k in range(len(given))}
+    made = Derivatives(Problem(renamed, (), (whose.text,), len(rows), parameters))
+    weight, family = whose.weight, whose.family
+    return Density(weight, family, first, last, tuple(rows), made, given=tuple(given), **more)

@@ -16,6 +16,8 @@ import numpy as np
 from .emit_c import Writer
 from .graph import Graph
 from .in_numpy import values_of
+from .parse import FormulaTextError
+from .site_reader import locals_of
 from .sites import Place, at_ends, offsets_of, row_macro
 
 #: letters of a site's coordinates in graphs: u0, v0 at the first offset, u1, v1 .. at the next ones
@@ -38,6 +40,8 @@ Sum = tuple[Piece, ...]  #: pieces for the interior of the chain and for its end
 
 def make_sum(body: Any, ends: str, count: int, node_of: Any) -> Sum:
     """A sum over `count` sites; node_of: adds an expression to a graph, node_of(graph, expression)."""
+    if any(row.second for row in locals_of(body).values()):
+        raise FormulaTextError("it sums over pairs, which observables do not: compute it from saved paths")
     pieces = []
     for cut, first, last in at_ends(body, ends, count):
         local = offsets_of(cut)

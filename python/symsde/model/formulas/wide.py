@@ -48,7 +48,7 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
             f"a formula of model {model.name} has a kink or jump, where a step is not differentiable, and means of its "
             "derivatives are no derivatives of means: write it smoothly, as sqrt(q**2 + 0.01**2) for Abs(q)"
         )
-    by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
+    by_path = [name for name, x in model.parameters.items() if isinstance(x, np.ndarray)]
     wanted = [*names, *(name for name in by_path if name not in names)]
     if not wanted and not (thirds and _has_formulas(model)):
         return model, Positions()
