@@ -18,7 +18,7 @@ MAX_DOF = 4
 MAX_OPERATIONS = 400  #: most operations of gradient and Hessian: above, calls take a small part of the time
 OF_FUNCTION = 20  #: operations that an elementary function counts as, since it is inlined in every place
 STRIP = 128  #: number of lanes whose states stay in the nearest cache
-KICKS = ("gauss_dkdkd", "verlet_kdk")
+KICKS = {"gauss_dkdkd": 2, "verlet_kdk": 2, "chin4a": 4}  #: schemes -> sums of noises in a step, those of kicks and V
 MAX_NOISES = 8  #: most noises of steps by kicks, whose weights are kept for a group of steps
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 CORRECTED = "_corrected"  #: suffix of the name of a corrected scheme of the Euler pair
@@ -92,11 +92,12 @@ def source_of_kicks(made: Derivatives) -> tuple[str, list[str]]:
     if not few or "t" in _leaves(rest, ["hq"]):
         return "", []
     noise = rest.noise_block(BLOCKS["hqq"])
-    schemes = [x for x in KICKS if x != "verlet_kdk" or all(rest.graph.is_number(node, 0.0) for node in noise)]
+    additive = all(rest.graph.is_number(node, 0.0) for node in noise)
+    schemes = ["gauss_dkdkd", *(["verlet_kdk"] if additive else [])]
     kept = _kept(rest)
     parts = [HEAD.format(**_sizes(rest), kept=len(kept), separable=0, moves=1, damped=0, split=1, mixed=1)]
     parts += [_places(rest, kept), _moves(rest, "fall", "hq", kept), _moves(rest, "kick", "hq")]
-    parts += [_text("steps"), _text("kicks"), *map(_kicked, schemes)]
+    parts += ["#define BENT 0", _text("steps"), _text("kicks"), *map(_kicked, schemes)]
     return "\n".join(parts), schemes
 
 
@@ -123,20 +124,49 @@ def _step_sizes(scheme: str, *, linear: bool = False) -> str:
     """What the texts of a scheme's steps read of it."""
     kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
     sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
-    sizes += f"#define STEP_WIDTH {2 if scheme in KICKS else 1}\n"
+    sizes += f"#define STEP_WIDTH {KICKS.get(scheme, 1)}\n"
+    sizes += f"#define STEP_WEIGH {'weigh_three' if scheme == 'chin4a' else 'weigh_two'}\n"
     sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
     return sizes + f"#define STEP_LINEAR {int(linear)}\n"
 
 
+def decaying(made: Derivatives) -> list[str]:
+    """The schemes whose damped steps are generated: the noise of decaying momenta has two kicks."""
+    return [x for x in flows(made) if x != "chin4a"]
+
+
 def _kicks(made: Derivatives) -> list[str]:
-    """The schemes of kicks between drifts: for noise in position and a constant mass. With noise that is not additive
-    verlet_kdk would have products of gradients. Parameters of each path stand where weights of kicks do not."""
+    """The schemes of kicks between drifts: for noise in position and a constant mass. Weights of kicks do not stand
+    where parameters of each path do."""
     leaves, problem = _leaves(made, ["hp"]), made.problem
     moved = any(leaf[0] == "w" and leaf != "w0" for leaf in leaves)
     if moved or not _glides(made) or problem.by_path or not 0 < problem.nnoise <= MAX_NOISES:
         return []
-    noise = made.noise_block(BLOCKS["hqq"])
-    return [x for x in KICKS if x != "verlet_kdk" or all(made.graph.is_number(node, 0.0) for node in noise)]
+    return list(KICKS)
+
+
+def _bend(made: Derivatives) -> list[int]:
+    """The gradient of half of sum_k H_k,q.M^-1 H_k,q over the noises."""
+    graph, q, p = made.graph, made.problem.coordinates("q"), made.problem.coordinates("p")
+
+    def dot(pairs: Iterable[tuple[int, int]]) -> int:
+        return graph.sum(graph.multiply(a, b) for a, b in pairs)
+
+    found: list[list[int]] = [[] for _ in q]
+    for k in range(1, made.problem.nnoise + 1):
+        slope = [made.node(k, x) for x in q]
+        moved = [dot((made.node(0, y, z), s) for z, s in zip(p, slope, strict=True)) for y in p]
+        for i, x in enumerate(q):
+            found[i].append(dot((made.node(k, x, y), v) for y, v in zip(q, moved, strict=True)))
+    return [graph.sum(x) for x in found]
+
+
+def _products(made: Derivatives) -> list[str]:
+    """Steps by kicks, and the products of gradients that they use."""
+    bend = _bend(made)
+    parts = [_function(made, "bow", ["hq", "hqq"]), _function(made, "lever", ["hpp"])]
+    parts.append(_lines(made, "bend", "double *restrict f", [(f"f[{i}]", x) for i, x in enumerate(bend)]))
+    return [*parts, f"#define BENT {int(any(not made.graph.is_number(x, 0.0) for x in bend))}", _text("kicks")]
 
 
 def named(scheme: str, *, damped: bool = False) -> str:
@@ -149,7 +179,7 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
 
     damped: steps of momenta damped by one rate.
     """
-    schemes = flows(made)
+    schemes = decaying(made) if damped else flows(made)
     if not schemes:
         return ""
     kept = _kept(made) if "stormer_verlet" in schemes else []
@@ -190,7 +220,7 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
     elif "gauss2" in schemes:
         parts += [_elimination("eliminate_both", 2 * made.problem.ndof)] if made.problem.ndof > 1 else []
         parts.append(_text("gauss2") + (_text("gauss2_swept") if _sweeps(made) else ""))
-    parts += [_text("kicks")] if set(KICKS).intersection(schemes) else []
+    parts += _products(made) if set(KICKS).intersection(schemes) else []
     newton = [x for x in schemes if x in ("midpoint", "gauss2") and not _is_quadratic(made)]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:

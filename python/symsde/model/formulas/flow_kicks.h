@@ -1,9 +1,10 @@
 
-/* Kicks between drifts, noise in position (src/scheme/kicks.f90): w holds the weights of both kicks, one after the other,
- * and a kick has half of the potential. Damped, a drift over the part c of a step moves by (1 - exp(-c z))/z of it. */
-enum { KICKS = 2 };
+/* Kicks between drifts, noise in position (src/scheme/kicks.f90): w holds the weights of all kicks, one after the other,
+ * and each of two kicks has half of the potential. Damped, a drift over the part c of a step moves by (1 - exp(-c z))/z
+ * of it. */
 static const double gauss_dkdkd_law[4] = {0.5, 0.5, 1.7320508075688772, -1.7320508075688772};
 static const double verlet_kdk_law[4] = {0.5, 0.5, 1, -1};
+static const double chin4a_law[1] = {0}; /* its weights are fixed */
 static const double leg_of[3] = {0.21132486540518711, 0.57735026918962577, 1};
 
 #if SPLIT
@@ -25,7 +26,7 @@ LANE void turn(const double *restrict x, state *s) {
 }
 
 LANE void soften(const double h, const double *restrict turns, state *s) {
-   const double *const stiffness = turns + (KICKS + 1) * ROW * ROW;
+   const double *const stiffness = turns + 3 * ROW * ROW;
    for (int k = 0; k < DOF; k++)
       for (int j = 0; j < DOF; j++)
          s->p[k] = FMA(h * stiffness[k * DOF + j], s->q[j], s->p[k]);
@@ -57,19 +58,74 @@ INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
    return beyond | leap(LANE_OF, s, 0, far);
 }
 
+/* p - part h |h| sum_k H_k,qq M^-1 H_k,q: what kicks add for the mean of the second Magnus term of noises */
+INLINE push(LANE_IN, state *s, const double part, const int far) {
+   int64_t beyond = 0;
+#if BENT
+   double f[DOF];
+   beyond = bend(LANE_OF, s, f, far);
+   for (int i = 0; i < DOF; i++)
+      s->p[i] = FMA(-part * h * fabs(h), f[i], s->p[i]);
+#endif
+   return beyond;
+}
+
 INLINE verlet_kdk(LANE_IN, state *s, const int far) {
    int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
    soften(0.5 * h, turns, s);
+   beyond |= push(LANE_OF, s, 1 / 12.0, far);
    beyond |= leap(LANE_OF, s, 2, far);
    beyond |= places(LANE_OF, s, s->e, far);
    beyond |= fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
    soften(0.5 * h, turns, s);
-   return beyond;
+   return beyond | push(LANE_OF, s, 1 / 12.0, far);
+}
+
+/* The kick in the middle is by two thirds of h U - (h^3/48) U_q.M^-1 U_q, with V = h U + sum_k v_k H_k in the square. */
+#if !DAMPED && !SPLIT
+INLINE chin4a(LANE_IN, state *s, const int far) {
+   double f[DOF], k[DOF * DOF], m[DOF * DOF], v[DOF];
+   int64_t beyond = kick(w, n, c, (1 / 6.0) * h FADE, s, 1, far);
+   beyond |= drift(LANE_OF, s, 0.5, far);
+   beyond |= bow(w + 3 * NHAM * n, n, c, h FADE, s, f, k, far) | lever(LANE_OF, s, m, far);
+   beyond |= kick(w + NHAM * n, n, c, (2 / 3.0) * h FADE, s, 1, far);
+   beyond |= push(LANE_OF, s, 1 / 15.0, far);
+   for (int i = 0; i < DOF; i++) {
+      v[i] = 0;
+      for (int j = 0; j < DOF; j++)
+         v[i] = FMA(m[i * DOF + j], f[j], v[i]);
+   }
+   for (int i = 0; i < DOF; i++)
+      for (int j = 0; j < DOF; j++)
+         s->p[i] = FMA((1 / 36.0) * k[i * DOF + j], v[j], s->p[i]);
+   beyond |= drift(LANE_OF, s, 0.5, far);
+   return beyond | kick(w + 2 * NHAM * n, n, c, (1 / 6.0) * h FADE, s, 1, far);
+}
+#endif
+
+/* The weights of three kicks and of V, from K, too: 4 (dW/24 + K) +- a, 8 (dW/12 - K), dW - 12 K. */
+LANE void weigh_three(const int lanes, const double h, const double *restrict w, const double *restrict z,
+                      const double *restrict kk, const ptrdiff_t n, const double *restrict law, double *restrict u,
+                      const ptrdiff_t m) {
+   (void)law;
+   const double inverse = 1 / h;
+   for (int k = 1; k < NHAM; k++)
+#pragma GCC ivdep
+      for (int i = 0; i < lanes; i++) {
+         const double dw = w[k * n + i], a = FMA(z[(k - 1) * n + i], inverse, -0.5 * dw), b = kk[(k - 1) * n + i];
+         const double ends = FMA(4, b, (1 / 6.0) * dw);
+         u[k * m + i] = ends + a;
+         u[(NHAM + k) * m + i] = FMA(-8, b, (2 / 3.0) * dw);
+         u[(2 * NHAM + k) * m + i] = ends - a;
+         u[(3 * NHAM + k) * m + i] = FMA(-12, b, dw);
+      }
 }
 
 /* The weights u of kicks from those of a step and dZ: beta dW + gamma a, a = dZ/h - dW/2; rows of u stand m apart. */
-LANE void weigh(const int lanes, const double h, const double *restrict w, const double *restrict z, const ptrdiff_t n,
-                const double *restrict law, double *restrict u, const ptrdiff_t m) {
+LANE void weigh_two(const int lanes, const double h, const double *restrict w, const double *restrict z,
+                    const double *restrict kk, const ptrdiff_t n, const double *restrict law, double *restrict u,
+                    const ptrdiff_t m) {
+   (void)kk;
    const double inverse = 1 / h;
    for (int k = 1; k < NHAM; k++)
 #pragma GCC ivdep
