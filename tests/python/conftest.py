@@ -68,10 +68,17 @@ def work_clock(monkeypatch):
     return WorkClock(monkeypatch)
 
 
+def pytest_configure(config):
+    """The mark of tests whose formulas are compiled as those of users are, in files that use quick_compiler."""
+    config.addinivalue_line("markers", "optimised: compile formulas with the normal level of optimisation")
+
+
 @pytest.fixture
-def quick_compiler(monkeypatch):
+def quick_compiler(request, monkeypatch):
     """Compile formulas without the optimiser, in a quarter of the time, with the same bits. Tests of lanes, strips and
-    single paths use the normal level of optimisation."""
+    single paths use the normal level of optimisation, by the mark `optimised` or in files of their own."""
+    if request.node.get_closest_marker("optimised"):
+        return
     from symsde.model.formulas import compiler
 
     monkeypatch.setattr(compiler, "FLAGS", tuple("-O0" if flag == "-O3" else flag for flag in compiler.FLAGS))

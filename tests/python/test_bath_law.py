@@ -18,6 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))
 import contraction
 import damping_orders
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 
 @pytest.mark.parametrize("z", [0.05, 0.5, 3.0])
 def test_words(z):

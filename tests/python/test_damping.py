@@ -17,6 +17,8 @@ from symsde.errors import (
     WrongShapeError,
 )
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 RATE = 0.8
 TIME = 1.0
 FINEST = 9  #: the finest run has 8 2^k steps

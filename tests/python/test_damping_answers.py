@@ -11,6 +11,8 @@ from symsde.answers.linear_stability import stable_up_to
 from symsde.cli import command_line
 from symsde.errors import IncompatibleError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 RATE = 0.8
 WELL = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", noise=["-s*q"], params={"s": 1.4}).damped(RATE)
 SYNCHROTRON = ss.models.synchrotron(omega=2.0, sigma1=0.8, sigma2=0.5).damped(RATE)

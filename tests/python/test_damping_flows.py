@@ -7,6 +7,8 @@ import symsde as ss
 from mpmath import mp
 from symsde.errors import DoubtfulRunWarning, IncompatibleError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 ROTATIONS = ("gauss_dkdkd_rotation", "exact_rotation")
 FLOWS = (*ROTATIONS, "gauss_dkdkd_midpoint", "verlet_kdk_midpoint", "verlet_dz")
 SPRINGS = ss.model_from_sympy("(p1**2 + p2**2)/2 + w**2*q1**2/2 + q2**2", noise=["-s*q1"], params={"w": 2.0, "s": 0.0})

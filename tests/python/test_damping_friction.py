@@ -9,6 +9,8 @@ import symsde as ss
 from symsde.batch import scene
 from symsde.errors import IncompatibleError, InvalidArgumentError, SceneError, WrongShapeError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 SCHEMES = ["midpoint", "symplectic_euler", "symplectic_euler_adjoint", "gauss_dkdkd", "verlet_kdk", "chin4a",
            "gauss_dkdkd_strong2", "verlet_kdk_strong2", "chin4a_strong2"]  # fmt: skip
 HEAVY = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2) + q1**4/4", noise=["0.3*sin(q1)", "0.2*q2"])

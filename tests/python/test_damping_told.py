@@ -13,6 +13,8 @@ import symsde as ss
 from symsde import errors
 from symsde.cli import command_line
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 RATE = 0.8
 WELL = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", noise=["-s*q"], params={"s": 1.4})
 FREE = ss.model_from_sympy("p**2/2", noise=["-q"])

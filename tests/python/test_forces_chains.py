@@ -6,6 +6,8 @@ import pytest
 import symsde as ss
 from symsde.errors import FalseTraitError, InvalidArgumentError, WrongTypeError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 SITES, STEP = 24, 0.1
 CHAIN = ss.models.fpu_chain(n=SITES, sigma=0.3)
 START = {"q0": 0.3 * np.cos(np.arange(SITES)), "p0": 0.2 * np.sin(2 * np.arange(SITES)), "step": STEP, "seed": 3}
@@ -61,6 +63,7 @@ def test_steps_are_those_of_the_general_stepper(scheme, name, paths):
             assert np.abs(other.p - general.p).max() > 1e-4
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
 def test_a_path_has_its_bits_in_every_block(scheme):
     """By sweeps and by bands."""

@@ -8,6 +8,8 @@ import pytest
 import symsde as ss
 from symsde.errors import IncompatibleError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 H = "p1**2/2 + p2**2/2 + q1**4/4 + q2**4/4 + q1*q2/2 + q1**2/2"
 CURL = ["0.8*q2 + 0.3*sin(2*t)", "-0.8*q1 - 0.2*q1**3"]
 ADDITIVE = ss.model_from_sympy(H, noise=["-0.5*q1", "-0.4*q2"], force=CURL)

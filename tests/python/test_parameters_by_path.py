@@ -18,6 +18,8 @@ from symsde.cli import command_line
 from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
 from symsde.model.formulas import formula_code
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 PATHS = 300
 X = 1 + 0.4 * np.sin(1.3 * np.arange(PATHS))  # neighbours differ by much
 SYNCHROTRON = {"H": "p**2/2 - omega**2*cos(q)", "noise": ["s1*sin(q)", "-s2*cos(q)"]}
@@ -112,6 +114,7 @@ def test_neighbours_differ():
         assert abs(other.q[-1, 0, 0] - run.q[-1, 0, 7]) > 1e-3
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("kind", ["synchrotron", "morse", "henon"])
 def test_threads_and_lanes(kind):
     """Neither threads nor the size of blocks change a bit."""

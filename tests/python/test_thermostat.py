@@ -11,6 +11,8 @@ import symsde as ss
 from symsde.batch import scene
 from symsde.errors import IncompatibleError, InvalidArgumentError, OwnNoiseWarning, SceneError, WrongShapeError
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+
 RATE = 0.8
 #: H = p^2/2 + q^2/2, whose mean of q^2 and p^2 is 1/beta
 OSCILLATOR = ss.model_from_sympy("p**2/2 + q**2/2")
@@ -104,6 +106,7 @@ def test_noises():
                 np.testing.assert_allclose(model.value(q, 0.7, w), -expected * q[i], rtol=1e-14)
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize(
     "scheme", ["midpoint", "symplectic_euler", "gauss2", "stormer_verlet", "gauss_dkdkd", "chin4a"]
 )
