@@ -450,7 +450,8 @@ enum symsde_observer_kind {
    SYMSDE_OBSERVE_AUTOCORRELATION = 4, /* of a value along time, lags 0 .. `bins` saved points; low: near the mean */
    SYMSDE_OBSERVE_EXTREMES = 5,        /* lowest and highest value of each path until each saved time */
    SYMSDE_OBSERVE_PASSAGE = 6,         /* paths whose value leaves low < x < high; checked after every step */
-   SYMSDE_OBSERVE_PATHS = 7            /* nvalue values of the paths with the indices `paths`, ascending */
+   SYMSDE_OBSERVE_PATHS = 7,           /* nvalue values of the paths with the indices `paths`, ascending */
+   SYMSDE_OBSERVE_MEANS = 8            /* means of nvalue values */
 };
 typedef struct symsde_observer {
    size_t struct_size;
@@ -464,6 +465,9 @@ typedef struct symsde_observer {
    int32_t absorbs, bridges; /* passage: whether paths end there; whether they may leave between steps (default 1) */
    int64_t *counts;          /* output, like sums; parts merge by both; NULL = not wanted */
    double *sums;
+   int64_t ngroup; /* groups of paths, each with a statistic of its own; 0: all paths are one group */
+   const int32_t *labels; /* [paths of the run] group of each path, from 0; paths with others are in no group. counts,
+                             sums and answers are those of group 0, then of group 1, .. */
 } symsde_observer;
 int symsde_observer_init(symsde_observer *observer);
 /* sizes[3]: of counts, of sums and of an answer, in a run with these options and nobservable observables */
@@ -497,6 +501,7 @@ typedef struct symsde_moments {
                                  several saved times, up to n lanes (one time at least), with t of the first time */
    int32_t nobserver; /* number of streaming observers */
    symsde_observer *const *observers; /* [nobserver] */
+   int32_t *codes; /* [paths] output: status of each path that was run, 0 = ok; NULL = not wanted */
 } symsde_moments;
 int symsde_moments_init(symsde_moments *moments);
 int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsde_options *options,

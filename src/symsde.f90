@@ -73,9 +73,10 @@ module symsde
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_statistics_merge, only: merge_moments, moment_errors
    use symsde_ensemble_observe_observables, only: observables_type
+   use symsde_ensemble_observe_observed, only: merge_observed, observed_answer
    use symsde_ensemble_observe_observers, only: observe_histogram, observe_quantiles, observe_covariance, &
                                                 observe_autocorrelation, observe_extremes, observe_passage, &
-                                                observe_paths, merge_observed, observed_answer
+                                                observe_paths, observe_means
    use symsde_ensemble_observe_streaming, only: observer_request, observed_type
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_run_prepared, only: prepared_run, prepare

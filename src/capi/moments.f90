@@ -4,7 +4,7 @@ module symsde_capi_moments
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
       c_ptr, c_size_t, c_sizeof
-   use symsde_base_kinds, only: wp, i8
+   use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
@@ -45,6 +45,7 @@ module symsde_capi_moments
       type(c_ptr) :: m2 = c_null_ptr
       integer(c_int32_t) :: observables_lanes = 0, nobserver = 0
       type(c_ptr) :: observers = c_null_ptr
+      type(c_ptr) :: codes = c_null_ptr
    end type c_moments
 
 contains
@@ -74,6 +75,7 @@ contains
       type(callback_observables), target :: observables
       type(moments_type) :: result
       type(observer_request), allocatable :: observers(:)
+      integer(i4), pointer, contiguous :: codes(:)
       integer :: code
 
       call use_model(model, own, m, refusal)
@@ -82,12 +84,15 @@ contains
       call check_report(report, refusal)
       if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
       if (.not. allocated(refusal)) call read_moments(moments, m, o, copy, refusal)
-      if (.not. allocated(refusal)) call read_observers(copy%observers, copy%nobserver, observers, refusal)
+      if (.not. allocated(refusal)) call read_observers(copy%observers, copy%nobserver, o%npath, &
+                                                        observers, refusal)
       if (.not. allocated(refusal)) then
          call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user, &
                                        copy%observables_lanes)
          call begin_at(start, from)
-         call collect_moments(m, s, o, start, result, refusal, observers, observables, from%dw, from%monitor)
+         nullify (codes)
+         if (c_associated(copy%codes)) call view(copy%codes, o%npath, codes)
+         call collect_moments(m, s, o, start, result, refusal, observers, observables, from%dw, from%monitor, codes)
       end if
       if (.not. allocated(refusal)) then
          call give_observed(result%observed, copy%observers)

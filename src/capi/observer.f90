@@ -10,7 +10,8 @@ module symsde_capi_observer
    use symsde_capi_error, only: finish, require, init_struct, check_sizes, take_struct
    use symsde_capi_model, only: use_model
    use symsde_capi_options, only: read_options
-   use symsde_ensemble_observe_observers, only: new_observed, merge_observed, observed_answer, new_observed_run
+   use symsde_ensemble_observe_observed, only: merge_observed, observed_answer
+   use symsde_ensemble_observe_observers, only: new_observed, new_observed_run
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_observe_streaming, only: observer_request, observed_run, observed_type
    use symsde_model_abstract, only: model_type
@@ -19,7 +20,7 @@ module symsde_capi_observer
    public :: symsde_observer_init, symsde_observer_sizes, symsde_observer_merge, symsde_observer_answer
    public :: read_observers, give_observed
 
-   integer, parameter :: most_observers = 1000, most_values = 100000
+   integer, parameter :: most_observers = 1000, most_values = 100000, most_groups = 10000000
 
    !> struct symsde_observer
    type, bind(c) :: c_observer
@@ -34,6 +35,8 @@ module symsde_capi_observer
       integer(c_int32_t) :: absorbs = 0, bridges = 1
       type(c_ptr) :: counts = c_null_ptr
       type(c_ptr) :: sums = c_null_ptr
+      integer(c_int64_t) :: ngroup = 0
+      type(c_ptr) :: labels = c_null_ptr
    end type c_observer
 
 contains
@@ -181,9 +184,10 @@ contains
    end subroutine give_kept
 
    !> Read the caller's list of observers, given by their addresses.
-   subroutine read_observers(given, n, requests, error)
+   subroutine read_observers(given, n, npath, requests, error)
       type(c_ptr), intent(in) :: given          !! [n]
       integer, intent(in) :: n
+      integer(i8), intent(in) :: npath          !! paths of the run, as labels of groups have
       type(observer_request), allocatable, intent(out) :: requests(:)
       type(error_type), allocatable, intent(inout) :: error
       type(c_ptr), pointer :: observers(:)
@@ -198,7 +202,7 @@ contains
       extent = n
       if (n > 0) call c_f_pointer(given, observers, extent)
       do i = 1, n
-         call read_observer(observers(i), requests(i), error)
+         call read_observer(observers(i), requests(i), error, npath)
       end do
    end subroutine read_observers
 
@@ -217,10 +221,12 @@ contains
       end do
    end subroutine give_observed
 
-   subroutine read_observer(given, request, error)
+   !> Read an observer; labels of groups only of a run, whose number of paths is given.
+   subroutine read_observer(given, request, error, npath)
       type(c_ptr), intent(in) :: given
       type(observer_request), intent(out) :: request
       type(error_type), allocatable, intent(inout) :: error
+      integer(i8), intent(in), optional :: npath
       type(c_observer), target :: copy
       integer(i4), pointer, contiguous :: values(:)
       real(wp), pointer, contiguous :: shares(:)
@@ -228,6 +234,10 @@ contains
 
       call take_struct(given, 'observer', c_loc(copy), c_sizeof(copy), error)
       call check_sizes(int(copy%nvalue, i8), int(copy%nshare, i8), copy%npath, 'an observer', error)
+      if (copy%ngroup < 0 .or. copy%ngroup > most_groups) &
+         call raise(error, invalid_argument, 'read_observer', 'ngroup = '//to_text(copy%ngroup)// &
+                    ' of an observer is out of range: give 0 to '//to_text(most_groups))
+      if (copy%ngroup > 0 .and. present(npath)) call require(copy%labels, 'labels of an observer', error)
       if (copy%nvalue > most_values .or. copy%nshare > most_values) &
          call raise(error, invalid_argument, 'read_observer', 'an observer has nvalue = '//to_text(copy%nvalue)// &
                     ', nshare = '//to_text(copy%nshare)//': give '//to_text(most_values)//' of each at most')
@@ -241,6 +251,8 @@ contains
       request%bins = copy%bins
       request%absorbs = copy%absorbs /= 0
       request%bridges = copy%bridges /= 0
+      request%ngroup = int(copy%ngroup)
+      if (copy%ngroup > 0 .and. present(npath)) call view(copy%labels, npath, request%labels)
       call view(copy%values, int(copy%nvalue, i8), values)
       request%values = values + 1  ! numbered from 0 in C
       if (copy%nshare > 0) then

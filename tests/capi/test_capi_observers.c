@@ -157,6 +157,36 @@ static void test_all_kinds(void) {
    free(errors);
 }
 
+/* means of two groups of paths, 256 and the others but the last: those of runs of these paths alone */
+static void test_groups(void) {
+   static int32_t labels[PATHS];
+   symsde_observer o = observer_of(SYMSDE_OBSERVE_MEANS, 3, all_values, 0, 0, 0), *list[] = {&o}, alone;
+   int64_t sizes[3], one[3];
+
+   alone = o;
+   allocate(&alone, one);
+   o.ngroup = 2;
+   allocate(&o, sizes);
+   CHECK(one[1] == NTIME * 7 && sizes[1] == 2 * one[1] && sizes[2] == 2 * one[2]);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "labels of an observer is NULL", run_with(0, PATHS, list, 1));
+   for (int i = 0; i < PATHS; i++) {
+      labels[i] = i < 256;
+   }
+   labels[PATHS - 1] = -1;
+   o.labels = labels;
+   OK(run_with(0, PATHS, list, 1));
+   list[0] = &alone;
+   OK(run_with(0, 256, list, 1));
+   CHECK(memcmp(o.sums + one[1], alone.sums, (size_t)one[1] * sizeof(double)) == 0);
+   OK(run_with(256, PATHS - 257, list, 1));
+   CHECK(memcmp(o.sums, alone.sums, (size_t)one[1] * sizeof(double)) == 0);
+   o.ngroup = -1;
+   list[0] = &o;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "ngroup = -1", run_with(0, PATHS, list, 1));
+   free(o.sums);
+   free(alone.sums);
+}
+
 static void test_refusals(void) {
    const symsde_options options = some_options();
    const int32_t wrong = 3;
@@ -164,8 +194,8 @@ static void test_refusals(void) {
    double x[NTIME * 3];
    symsde_observer o = kind_number(HISTOGRAM), *list[] = {&o};
 
-   o.kind = 8;
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "kind 8|give 1 to 7", run_with(0, PATHS, list, 1));
+   o.kind = 9;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "kind 9|give 1 to 8", run_with(0, PATHS, list, 1));
    o.kind = SYMSDE_OBSERVE_HISTOGRAM;
    o.values = &wrong;
    EXPECT(SYMSDE_INVALID_ARGUMENT, "values 4 to 4|there are 3", run_with(0, PATHS, list, 1));
@@ -193,6 +223,7 @@ int main(void) {
    model = new_kubo();
    OK(symsde_scheme_get("midpoint", &scheme, &error));
    test_all_kinds();
+   test_groups();
    test_refusals();
    symsde_model_delete(&model);
    symsde_scheme_delete(&scheme);

@@ -48,16 +48,17 @@ def write(k="{from = 1, to = 2, count = 2}", s="{from = 0.1, to = 0.3, count = 3
 
 
 def require(found, paths, points):
-    """Require the moments of a run of every point alone, with its paths."""
-    assert [tuple(point.values()) for point, _ in found] == points
-    for i, ((_, mine), (k, s)) in enumerate(zip(found, points, strict=True)):
+    """Require the moments and the observer of a run of every point alone, with its paths."""
+    assert [tuple(point.values()) for point in found.points()] == points
+    flat = {kind: found.table(kind).reshape(4, 3, -1) for kind in ("mean", "var", "se_mean")}
+    for i, (k, s) in enumerate(points):
         observers = {"x": ss.observe.Histogram("q_1", -3, 3)}
         alone = ss.moments(
             model(k, s), paths=paths, first_path=i * paths, observables={"r": "q**2"}, observers=observers, **RUN
         )
-        for kind in ("mean", "var", "se_mean"):
-            assert np.array_equal(mine.table(kind), alone.table(kind))
-        assert np.array_equal(mine.observed["x"].share, alone.observed["x"].share)
+        for kind, table in flat.items():
+            assert np.array_equal(table[:, :, i], alone.table(kind).T)
+        assert np.array_equal(found.observed["x"][i].share, alone.observed["x"].share)
 
 
 def test_ranges(tmp_path, monkeypatch):
@@ -65,15 +66,24 @@ def test_ranges(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write()
     for part in ("1/2", "2/2"):
-        assert command_line.main(["run", "scene.toml", "--shard", part, "--out", f"part-{part[0]}", "--quiet"]) == 0
+        args = ["run", "scene.toml", "--shard", part, "--shard-paths", "1024", "--out", f"part-{part[0]}", "--quiet"]
+        assert command_line.main(args) == 0
     assert command_line.main(["merge", "part-1", "part-2", "--out", "out", "--quiet"]) == 0
     points = [(k, s) for k in (1.0, 2.0) for s in np.linspace(0.1, 0.3, 3).tolist()]
-    found = ss.open_run("out").by_value
+    moments = ss.open_run("out").moments
+    found = moments.by_group
+    assert found.dims == ("k", "s") and found.mean_q.shape == (3, 1, 2, 3) and found.mean["r"].shape == (3, 2, 3)
     require(found, 512, points)
     lines = (tmp_path / "out" / "moments-by-value.csv").read_text().splitlines()
     rows = list(csv.DictReader(x for x in lines if not x.startswith("#")))
-    assert [(float(x["k"]), float(x["s"])) for x in rows] == [point for point in points for _ in range(3)]
-    assert [float(x["mean r"]) for x in rows] == np.concatenate([x.mean["r"] for _, x in found]).tolist()
+    assert [(float(x["k"]), float(x["s"])) for x in rows] == points * 3
+    assert [float(x["mean r"]) for x in rows] == found.mean["r"].ravel().tolist()
+    for suffix in ("nc", "npz"):
+        moments.save(f"all.{suffix}")
+        filed = ss.load(f"all.{suffix}")
+        assert np.array_equal(filed.by_group.mean_q, found.mean_q) and filed.by_group.dims == found.dims
+        shares = np.array([x.share for x in found.observed["x"]]).reshape(2, 3, 3, -1)
+        assert np.array_equal(filed.variables["group_x_share"], shares)
 
 
 def test_columns_of_files(tmp_path, monkeypatch):
@@ -83,18 +93,45 @@ def test_columns_of_files(tmp_path, monkeypatch):
     write('{csv = "values.csv", column = "stiffness"}', '{csv = "values.csv"}', paths=512)
     assert command_line.main(["run", "scene.toml", "--out", "out", "--quiet"]) == 0
     (tmp_path / "values.csv").unlink()
-    require(ss.open_run("out").by_value, 256, [(1.0, 0.1), (2.5, 0.3)])
+    found = ss.open_run("out").moments.by_group
+    assert found.dims == ("value",)
+    require(found, 256, [(1.0, 0.1), (2.5, 0.3)])
     (tmp_path / "values.csv").write_text("s,note,stiffness\n0.1,1,1.0\n0.3,1,2.525\n")
     assert command_line.main(["run", "scene.toml", "--out", "out", "--quiet"]) == command_line.BAD_INPUT
 
 
-def test_few_paths_are_told(tmp_path, monkeypatch, capfd):
-    """Says why there are no moments by value if shards hold several values."""
+def test_few_paths_of_a_value(tmp_path, monkeypatch):
+    """Gives moments by value where shards hold paths of several values, and values have paths in several shards."""
     monkeypatch.chdir(tmp_path)
-    write(paths=600)
-    assert command_line.main(["run", "scene.toml", "--out", "out", "--quiet"]) == 0
-    assert "give a multiple of 256 for each value" in capfd.readouterr().err
-    assert not (tmp_path / "out" / "moments-by-value.csv").exists() and ss.open_run("out").by_value == []
+    write(paths=1200)
+    assert command_line.main(["run", "scene.toml", "--out", "out", "--shard-paths", "256", "--quiet"]) == 0
+    folder = ss.open_run("out")
+    found = folder.moments.by_group
+    k, s = (np.repeat(x, 200) for x in (np.repeat([1.0, 2.0], 3), np.tile(np.linspace(0.1, 0.3, 3), 2)))
+    every = ss.model_from_sympy(H, noise=NOISE, params={"k": k, "s": s})
+    observers = {"x": ss.observe.Histogram("q_1", -3, 3)}
+    one = ss.moments(
+        every, paths=1200, groups=["k", "s"], observables={"r": "q**2"}, observers=observers, **RUN
+    ).by_group
+    assert one.dims == found.dims and len(folder._batch.of_kind("moments")) == 5
+    for kind in ("mean", "var", "se_mean"):
+        assert np.array_equal(found.table(kind), one.table(kind))
+    for mine, theirs in zip(found.observed["x"], one.observed["x"], strict=True):
+        assert np.array_equal(mine.counts, theirs.counts)
+    run = ss.simulate(every, paths=1200, **RUN)
+    np.testing.assert_allclose(found.mean_q[:, 0], run.q[:, 0].reshape(3, 2, 3, 200).mean(3), rtol=1e-12)
+
+
+def test_unfinished(tmp_path, monkeypatch):
+    """Leaves out values none of whose paths have been run: no numbers, no results of observers."""
+    monkeypatch.chdir(tmp_path)
+    write(paths=1200)
+    args = ["run", "scene.toml", "--out", "out", "--shard-paths", "256", "--quiet", "--shard", "1/5"]
+    assert command_line.main(args) == 0
+    found = ss.open_run("out").moments.by_group
+    assert found.n_ok[-1].ravel().tolist() == [200, 56, 0, 0, 0, 0]
+    assert np.isnan(found.mean_q[..., 1, :]).all() and found.observed["x"][2] is None
+    assert np.isnan(found.to_xarray()["x_share"].to_numpy()[1]).all()
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,7 @@ VALUES = {
     "save_at": OMITTED,
     "observables": {"r": "q_1**2 + p_1**2", "e": energy},
     "observers": {"h": ss.observe.Histogram("q_1", -3, 3, 6), "c": ss.observe.Covariance(["q_1", "p_1"])},
+    "groups": np.array([4, 0, 4]),
     "progress": OMITTED,
     "damping": np.array([0.5]),
     "force": lambda q, p, t: -p,

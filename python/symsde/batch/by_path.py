@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,43 +11,15 @@ import numpy as np
 
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..native import checks
+from ..run.groups import Grid, Groups, groups_of_points
 from ..run.states.table import read_table
-from .pieces import UNIT
 
 _NOT_PARAMETERS = {"name", "thermostat", "damping"}  #: keys of a built-in model beside its parameters
 
 
-@dataclass(frozen=True)
-class Values:
-    """The values of some parameters; each point has the same number of paths, with consecutive indices."""
-
-    points: dict[str, np.ndarray]  #: name -> (point,)
-    paths: int  #: of a point
-    first: int  #: global index of the first path of the first point
-
-    @property
-    def count(self) -> int:
-        """Number of points."""
-        return len(next(iter(self.points.values())))
-
-    def fits(self, size: int) -> bool:
-        """Whether every point is made of whole shards of this size."""
-        return self.paths % size == 0 and self.first % size == 0
-
-    @property
-    def largest(self) -> int | None:
-        """The largest size of shards that fit; None if none does."""
-        size = UNIT
-        if not self.fits(size):
-            return None
-        while self.fits(2 * size):
-            size *= 2
-        return size
-
-
-def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[dict[str, Any], Values | None]:
+def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[dict[str, Any], Groups | None]:
     """The table [model] with values for each path in the place of {from = , to = , count = } and {csv = , column = }
-    of parameters, and these values; None if there are none.
+    of parameters, and the groups of paths with the same values; None if there are none.
 
     Every value, or every combination of values (the last range fastest), gets the same number of paths. Columns of CSV
     files go together, row by row.
@@ -69,20 +40,23 @@ def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[
     except SymsdeError as error:
         raise SceneError(f"{file}: {where}: {error}") from error
     axes = [np.arange(x) for x in rows] + list(ranges.values())
-    grid = [x.ravel() for x in np.meshgrid(*axes, indexing="ij")]
-    points = {key: x[grid[0]] for key, x in columns.items()}
-    points |= dict(zip(ranges, grid[len(rows) :], strict=True))
+    flat = [x.ravel() for x in np.meshgrid(*axes, indexing="ij")]
+    points = {key: x[flat[0]] for key, x in columns.items()}
+    points |= dict(zip(ranges, flat[len(rows) :], strict=True))
     points = {key: points[key] for key in given}
-    count, paths = grid[0].size, run.get("paths", 1)
+    count, paths = flat[0].size, run.get("paths", 1)
     if type(paths) is not int or paths < 1 or paths % count:
         raise SceneError(
             f"{file}: [run] paths = {checks.shown(paths)} is not a multiple of {count}, the number of values of "
             f"{', '.join(given)}: give {count} times the paths of one value"
         )
     made = {key: np.repeat(x, paths // count) for key, x in points.items()}
-    first = run.get("first_path", 0)
-    found = Values(points, paths // count, first if type(first) is int else 0)
-    return ({**table, "params": {**values, **made}} if "H" in table else {**table, **made}), found
+    grid = Grid(points, is_zip=True) if columns else Grid(ranges, is_zip=False)
+    try:
+        groups = groups_of_points(grid, np.repeat(np.arange(count), paths // count))
+    except SymsdeError as error:
+        raise SceneError(f"{file}: {where}: {error}") from error
+    return ({**table, "params": {**values, **made}} if "H" in table else {**table, **made}), groups
 
 
 def _range(key: str, given: dict[str, Any]) -> np.ndarray:

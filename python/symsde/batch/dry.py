@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..native.checks import counted
-from ..run.moments import Moments, moments
+from ..run.moments import moments
 from ..run.setup import make_setup
 from ..show import tables
 from .dispatch import division
@@ -92,7 +92,7 @@ def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Pat
 
 def _observed(task: Task) -> int:
     """Numbers that observers keep for a piece."""
-    rooms = Moments(make_setup(task.model, **task.options), task.observables, task.observers).kept.values()
+    rooms = task.moments().kept.values()
     return sum(room.counts.size + room.sums.size for room in rooms)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..model.definition import Model
 from ..native import checks
+from ..run.groups import Groups
 from ..run.moments import Moments, moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable
@@ -42,6 +43,16 @@ class Task:
     options: dict[str, Any]  #: options of `simulate`
     observables: dict[str, Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)
+    groups: Groups | None = None  #: groups of all paths
+
+    def moments(self) -> Moments:
+        """Moments of all paths, not filled."""
+        return Moments(make_setup(self.model, **self.options), self.observables, self.observers, self.groups)
+
+    def groups_of(self, piece: Piece) -> Groups | None:
+        """The groups of the paths of a piece."""
+        skip = piece.first - self.options.get("first_path", 0)
+        return None if self.groups is None else self.groups.part(slice(skip, skip + piece.paths))
 
     def model_of(self, piece: Piece) -> Model:
         """The model of the paths of a piece."""
@@ -98,7 +109,7 @@ def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
 
 
 def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
-    shown = {"observables": task.observables or None, "observers": task.observers}
+    shown = {"observables": task.observables or None, "observers": task.observers, "groups": task.groups_of(piece)}
     found: Moments = moments(task.model_of(piece), progress=tell, **shown, **task.of(piece, threads))
     arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
     arrays["mean"] = found.to_arrays()[0]

@@ -34,6 +34,8 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     if run["save_at"] is None:
         del run["save_at"]  # folders of older versions lack it
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
+    if scene.groups is not None:
+        output["groups"] = list(scene.groups.grid.values)
     observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})
     setup = make_setup(scene.model, **scene.run)

@@ -13,7 +13,7 @@ from ..native import abi
 from ..native.build import build_info
 from ..native.handles import status_text
 from ..run.moments import Moments
-from ..run.observers.partial_statistics import PartialStatistics, merge
+from ..run.observers.partial_statistics import PartialStatistics
 from ..run.report import Report
 from ..run.setup import make_setup
 from ..run.simulate import Run
@@ -31,8 +31,8 @@ class MomentsInWork:
     def __init__(self, task: Task, size: int):
         """Start without pieces; size: paths of a piece."""
         self._task, self._size = task, size
-        self._found = Moments(make_setup(task.model, **task.options), task.observables, task.observers)
-        self._tree = Tree(self._merge_kept)
+        self._found = task.moments()
+        self._tree = Tree(self._found.merge_kept)
         self._t: np.ndarray | None = None
         self._failed: list[np.ndarray] = []
         self._reports: list[tuple[int, dict[str, Any]]] = []
@@ -40,22 +40,22 @@ class MomentsInWork:
     def add(self, piece: Piece, shard: Shard) -> None:
         """Merge the moments of a piece."""
         arrays = shard.arrays
-        node = Node(*(np.array(arrays[name]) for name in ("n_ok", "mean", "m2")), self._kept_of(arrays))
+        node = Node(*(np.array(arrays[name]) for name in ("n_ok", "mean", "m2")), self._kept_of(piece, arrays))
         self._tree.insert(self._size.bit_length() - 1, piece.first // self._size, node)
         self._t = arrays["t"]
         self._failed.append(np.stack([arrays[name] for name in ("failed", "failed_status", "failed_step")]))
         self._reports.append((piece.first, dict(shard.facts)))
 
-    def _kept_of(self, arrays: Mapping[str, np.ndarray]) -> dict[str, PartialStatistics]:
-        return {
-            name: PartialStatistics(
-                *(np.array(arrays[f"observed.{name}.{what}"]) for what in ("counts", "sums")), room.answers
-            )
-            for name, room in self._found.kept.items()
-        }
-
-    def _merge_kept(self, name: str, left: PartialStatistics, right: PartialStatistics) -> None:
-        merge(self._found.scope, self._task.observers[name], left, right)
+    def _kept_of(self, piece: Piece, arrays: Mapping[str, np.ndarray]) -> dict[str, PartialStatistics]:
+        found, groups = {}, self._task.groups_of(piece)
+        for name, room in self._found.kept.items():
+            both = (np.array(arrays[f"observed.{name}.{what}"]) for what in ("counts", "sums"))
+            if groups is None:
+                found[name] = PartialStatistics(*both, room.answers)
+            else:
+                answers = room.answers // len(room.groups) * len(groups.numbers)
+                found[name] = PartialStatistics(*both, answers, groups.numbers)
+        return found
 
     def result(self, seconds: float = 0.0, threads: int = 1, missing: int = 0) -> Moments:
         """Moments of all paths received so far, with the bits of one run over these paths; missing paths count as

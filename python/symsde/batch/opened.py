@@ -65,17 +65,6 @@ class OpenRun:
         return found
 
     @functools.cached_property
-    def by_value(self) -> list[tuple[dict[str, float], Moments]]:
-        """Values of parameters that go by path, each with the moments of its paths; points whose shards are not all
-        there are left out."""
-        batch, folder = self._batch, self._folder
-        return [
-            (point, merged_results.moments_of(batch.task_of(pieces), batch.size, pieces, folder.read))
-            for point, pieces in batch.by_value()
-            if all(map(folder.is_done, pieces))
-        ]
-
-    @functools.cached_property
     def run(self) -> Run | None:
         """The saved paths whose shards exist; None if there are none."""
         there = self._there("paths")

@@ -19,6 +19,7 @@ from ..model.definition import Model
 from ..model.formulas import formula_scenes as formulas
 from ..model.thermostat import thermostat
 from ..native import checks, files
+from ..run.groups import Groups
 from ..run.moments import Moments, try_out
 from ..run.observers import observables, requests
 from ..run.setup import make_setup
@@ -53,7 +54,7 @@ class Scene:
     #: observables that the user defined, by name
     observables: dict[str, observables.Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: observers beside moments, by name
-    values: by_path.Values | None = None  #: values of parameters, each of some paths
+    groups: Groups | None = None  #: paths with the same values of parameters that go by path
 
     @property
     def unsaid(self) -> str:
@@ -106,10 +107,10 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
     _known(file, "key of [study]", study, STUDY_KEYS)
     expect = dict(tables.get("expect", {}))
     _known(file, "key of [expect]", expect, EXPECT_KEYS)
-    table, values = by_path.of_table(file, dict(tables["model"]), run)
+    table, groups = by_path.of_table(file, dict(tables["model"]), run)
     model = _model(file, table)
     scene = Scene(file, model, run, wants_moments, [], study, expect, tables)
-    scene.text, scene.values = text, values
+    scene.text, scene.groups = text, groups
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     scene.observables = _observables(file, scene)
@@ -181,7 +182,7 @@ def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
         return {}
     try:
         found = requests.from_tables(scene.tables["observe"])
-        Moments(make_setup(scene.model, **scene.run), scene.observables, found)
+        Moments(make_setup(scene.model, **scene.run), scene.observables, found, scene.groups)
     except SymsdeError as error:
         raise SceneError(f"{file}: [[observe]]: {error}") from error
     if not scene.moments:

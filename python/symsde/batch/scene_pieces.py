@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..native import files
 from . import manifest, scene
@@ -36,34 +36,13 @@ class Batch:
             size = there["shard_paths"]
         else:
             size = shard_paths(extent, int(wanted) if wanted and re.fullmatch(r"-?\d{1,30}", wanted) else wanted)
-            if wanted is None and chosen.values and chosen.values.largest:
-                size = min(size, chosen.values.largest)
         pieces = _plan(chosen, size)
-        return cls(chosen, Task(chosen.model, chosen.run, chosen.observables, chosen.observers), size, pieces, out)
+        task = Task(chosen.model, chosen.run, chosen.observables, chosen.observers, chosen.groups)
+        return cls(chosen, task, size, pieces, out)
 
     def of_kind(self, kind: str) -> list[Piece]:
         """The pieces of a kind, moments or paths."""
         return [piece for piece in self.pieces if piece.kind == kind]
-
-    def task_of(self, pieces: list[Piece]) -> Task:
-        """The run of these pieces alone, which are neighbours."""
-        options, paths = self.task.options, sum(piece.paths for piece in pieces)
-        here = self.task.of(Piece("", "moments", pieces[0].first, paths, 0), options.get("threads"))
-        model = self.task.model_of(Piece("", "moments", pieces[0].first, paths, 0))
-        return replace(self.task, model=model, options=here)
-
-    def by_value(self) -> list[tuple[dict[str, float], list[Piece]]]:
-        """The values of every point of parameters that go by path, with its pieces of moments; empty if there are no
-        such parameters, or if shards hold paths of several points."""
-        values, pieces = self.scene.values, self.of_kind("moments")
-        if values is None or not values.fits(self.size):
-            return []
-        found = []
-        for k in range(values.count):
-            first = values.first + k * values.paths
-            mine = [piece for piece in pieces if first <= piece.first < first + values.paths]
-            found.append(({key: float(x[k]) for key, x in values.points.items()}, mine))
-        return found
 
     def finer(self, wanted: int) -> tuple[int, int] | None:
         """The paths per shard and the number of shards, with at least the wanted number of shards, or else with the

@@ -16,8 +16,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from ..batch import growth, manifest, merged_results, share
 from ..batch.dispatch import Context, dispatch
 from ..batch.dry import need
@@ -180,10 +178,10 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         moments.scene = batch.scene.text
         moments.save_table(folder.path / "moments.csv")
         (folder.path / PARTIAL).unlink(missing_ok=True)
-        if moments.observers:
+        if moments.observers or moments.groups:
             moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
-        if batch.scene.values is not None:
-            _save_by_value(batch, folder)
+        if moments.by_group is not None:
+            moments.by_group.save(folder.path / BY_VALUE)
         report, failed, doubts = moments.report, moments.report.failed, moments.doubts()
         remarks = [] if quiet else moments.remarks()
         if not quiet:
@@ -201,27 +199,6 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     for sentence in filter(None, (*known, *doubts, *remarks)):
         print(f"symsde: {sentence}", file=sys.stderr)
     return PATHS_FAILED if failed or doubts else OK
-
-
-def _save_by_value(batch: Batch, folder: RunFolder) -> None:
-    """Write the moments of every value of parameters that go by path: a row for each time and value."""
-    points = batch.by_value()
-    if not points:
-        log.warning(
-            "%s",
-            f"{batch.scene.values.paths} paths of a value are no whole number of shards of {batch.size}: moments.csv "
-            f"is over all values, and there is no {BY_VALUE}; give a multiple of 256 for each value",
-        )
-        return
-    found = [merged_results.moments_of(batch.task_of(pieces), batch.size, pieces, folder.read) for _, pieces in points]
-    columns = {"t": np.concatenate([x.t for x in found])}
-    columns |= {key: np.repeat([point[key] for point, _ in points], len(found[0].t)) for key in points[0][0]}
-    columns["n_ok"] = np.concatenate([x.n_ok for x in found])
-    for kind in ("mean", "var", "se_mean"):
-        rows = np.concatenate([x.table(kind) for x in found])
-        columns |= {f"{kind} {name}": x for name, x in zip(found[0].columns(), rows.T, strict=True)}
-    found[0].scene = batch.scene.text
-    tables.write(folder.path / BY_VALUE, columns, {**found[0].attributes(), "title": "moments by value"})
 
 
 def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece], partial) -> int:

@@ -29,6 +29,8 @@ FORMULAS: dict[str, tuple[str, ...]] = {
     "henon_heiles": ("(p1**2 + p2**2 + q1**2 + q2**2)/2 + alpha*(q1**2*q2 - q2**3/3)", "sigma1*q1", "sigma2*q2"),
 }
 
+_MADE: dict[tuple, Model] = {}  #: models made from these formulas, by name and kind of values: others have their code
+
 
 def is_array(value: Any) -> bool:
     """Whether the value of a parameter is an array with one number for each path."""
@@ -44,7 +46,7 @@ def of_formulas(name: str, values: Mapping[str, Any]) -> Model:
     """A model from the formulas of a built-in model, with parameters that differ by path; the chain is refused."""
     from .definition import Model  # noqa: PLC0415 - models from formulas and built-in ones are both models
     from .formulas import model_from_sympy  # noqa: PLC0415
-    from .formulas.parameters import value_of  # noqa: PLC0415
+    from .formulas.parameters import kind_of, value_of  # noqa: PLC0415
 
     if name not in FORMULAS:
         arrays = ", ".join(key for key, x in values.items() if is_array(x))
@@ -52,6 +54,10 @@ def of_formulas(name: str, values: Mapping[str, Any]) -> Model:
             f"{arrays} of model {name} cannot differ from path to path: give a number, and a run for each value"
         )
     given = {key: value_of(key, x) for key, x in values.items()}
-    Model.builtin(name, {key: float(x[0] if is_array(x) else x) for key, x in given.items()})  # refuses other names
-    H, *noise = FORMULAS[name]
-    return model_from_sympy(H, noise=noise, params=values, name=name)
+    kind = name, tuple(given), kind_of(given)
+    if kind not in _MADE:
+        Model.builtin(name, {key: float(x[0] if is_array(x) else x) for key, x in given.items()})  # refuses other names
+        H, *noise = FORMULAS[name]
+        first = {key: x[:1] if is_array(x) else x for key, x in given.items()}
+        _MADE[kind] = model_from_sympy(H, noise=noise, params=first, name=name)
+    return _MADE[kind].with_parameters(**given)

@@ -249,11 +249,12 @@ class Moments(Structure):
         ("observables_lanes", c_int32),
         ("nobserver", c_int32),
         ("observers", c_void_p),
+        ("codes", c_void_p),
     )
 
 
 #: members of enum symsde_observer_kind, from 1 on
-OBSERVERS = ("histogram", "quantiles", "covariance", "autocorrelation", "extremes", "passage", "paths")
+OBSERVERS = ("histogram", "quantiles", "covariance", "autocorrelation", "extremes", "passage", "paths", "means")
 
 
 class Observer(Structure):
@@ -275,6 +276,8 @@ class Observer(Structure):
         ("bridges", c_int32),
         ("counts", c_void_p),
         ("sums", c_void_p),
+        ("ngroup", c_int64),
+        ("labels", c_void_p),
     )
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import re
 from collections.abc import Mapping
@@ -16,6 +17,7 @@ from ..errors import InvalidArgumentError, MissingOperationError, SceneError, Sy
 from ..native import files
 from ..native.checks import counted
 from ..show.values import Values
+from . import groups
 from .observers import observer_results
 from .report import Report, read_report
 from .saved import MomentTables, PathTables
@@ -120,6 +122,14 @@ class LoadedMoments(_Loaded, MomentTables):
                 setattr(self, name, variables[name])
         elif wanted == "{}":
             self.observed = {}
+
+    @functools.cached_property
+    def by_group(self) -> groups.GroupedMoments | None:
+        """Moments of each group of paths; None if the file holds none. `variables` has those of observers."""
+        text = self._attributes.get("groups")
+        if text is None or self._file.suffix == ".csv":
+            return None
+        return groups.filed(self, text, self.values, self.variables)
 
     def remarks(self) -> list[str]:
         """Sentences about values that the results of observers leave out."""

@@ -26,9 +26,10 @@ from ..native.signals import carry
 from ..show import tables, tabular
 from ..show.values import Values
 from . import bath_temperature
+from .groups import MEANS, GroupedMoments, Groups, groups_of, variables_of
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
-from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
+from .observers.partial_statistics import Kinds, PartialStatistics, Scope, merge, structs
 from .report import Reported, filled
 from .saved import MomentTables
 from .setup import RunOptions, Setup, make_setup
@@ -50,10 +51,13 @@ class Moments(MomentTables, Reported):
         setup: Setup,
         observables: Mapping[str, Observable] | Iterable[str],
         observers: Kinds | None = None,
+        groups: Groups | None = None,
     ):
-        """Allocate the moments, also of these observables, and the results of these observers; `fill` computes them."""
-        self.setup = setup
+        """Allocate the moments, also of these observables, and the results of these observers, of each group if there
+        are groups; `fill` computes them."""
+        self.setup, self.groups, self.codes = setup, groups, None
         self.observers = dict(observers or {})
+        self._asked = self.observers | ({} if groups is None else {MEANS: requests.Means()})
         if self.observers and setup.saved is not None:
             raise IncompatibleError("observers take states at equal distances: give save_every in the place of save_at")
         self._observables = described(observables)
@@ -67,7 +71,8 @@ class Moments(MomentTables, Reported):
         self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
         self.m2 = np.empty((setup.ntime, nvalue))
         self._show_columns(Values.of(setup.model.coordinates, self._has_energy, self._observables))
-        self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
+        scope = Scope(setup, self.values, groups)
+        self.kept = {name: scope.room(observer) for name, observer in self._asked.items()}
         if self.observers:
             self._check_names()
 
@@ -92,9 +97,9 @@ class Moments(MomentTables, Reported):
         """Refuse names of observers and observables that would give two variables of a file the same name."""
         taken = dict.fromkeys(("n_ok", "failed", "failed_status", "failed_step"), "what every file holds")
         taken |= {f"{kind}_{name}": f"the observable {name!r}" for kind in self._tables for name in self._observables}
-        for name, result in observer_results.observed(
-            self.scope, np.zeros(len(self.t)), self.observers, self.kept
-        ).items():
+        scope = self.scope
+        rooms = {name: scope.room(observer) for name, observer in self.observers.items()}
+        for name, result in observer_results.observed(scope, np.zeros(len(self.t)), self.observers, rooms).items():
             for variable in result.variables(name):
                 if variable in taken:
                     raise InvalidArgumentError(
@@ -110,13 +115,46 @@ class Moments(MomentTables, Reported):
 
     @property
     def scope(self) -> Scope:
-        """The setup and the names of values for observers."""
+        """The setup and the names of values for observers of all paths."""
         return Scope(self.setup, self.values)
+
+    def merge_kept(self, name: str, left: PartialStatistics, right: PartialStatistics) -> None:
+        """Merge the statistics of an observer over two siblings into the left one."""
+        merge(self.scope, self._asked[name], left, right)
 
     @functools.cached_property
     def observed(self) -> dict[str, observer_results.Observed]:
-        """Results of the observers, by their names."""
-        return observer_results.observed(self.scope, self.t, self.observers, self.kept)
+        """Results of the observers, by their names, over all paths that are in groups if there are groups."""
+        return observer_results.observed(self.scope, self.t, self.observers, self._together())
+
+    def _together(self) -> Mapping[str, PartialStatistics]:
+        """The statistics of observers over all groups."""
+        if self.groups is None:
+            return self.kept
+        found = {}
+        for name in self.observers:
+            first, *others = self.kept[name].rows()
+            found[name] = first.copy()
+            for other in others:
+                self.merge_kept(name, found[name], other)
+        return found
+
+    @functools.cached_property
+    def by_group(self) -> GroupedMoments | None:
+        """Moments and results of observers of each group of paths; None without groups."""
+        if self.groups is None:
+            return None
+        found = GroupedMoments(self, self.groups.grid, self.values, len(self.t))
+        numbers, rows = self.kept[MEANS].groups, self.kept[MEANS].sums
+        rows = rows.reshape(len(numbers), -1, 1 + 2 * len(self.values.names))
+        found.put(numbers, rows if self.setup.saved is None else rows[:, self.setup.rows])
+        found.t = self.t
+        for name, observer in self.observers.items():
+            results = [None] * self.groups.grid.count
+            for k, part in zip(numbers.tolist(), self.kept[name].rows(), strict=True):
+                results[k] = observer_results.observed(self.scope, self.t, {name: observer}, {name: part})[name]
+            found.observed[name] = results
+        return found.finish()
 
     def fill(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library integrate."""
@@ -129,9 +167,10 @@ class Moments(MomentTables, Reported):
         for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
             setattr(moments, member, address(self._tables[kind]))
         _bound = bind(observables, self.setup.model, moments, failures)
-        if self.observers:
-            addresses, _made = structs(self.scope, self.observers, self.kept)
-            moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
+        if self._asked:
+            addresses, _made = structs(Scope(self.setup, self.values, self.groups), self._asked, self.kept)
+            moments.nobserver, moments.observers = len(self._asked), ctypes.addressof(addresses)
+        moments.codes = address(self.codes)
         report = handles.new(abi.Report, "report")
         report.threads = 0  # stays 0 if the run does not begin
         with Monitor(progress) as monitor:
@@ -146,8 +185,9 @@ class Moments(MomentTables, Reported):
 
     def _fill_some(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library collect more often than wanted, at equal distances, and keep what is wanted."""
-        whole, rows = Moments(self.setup.whole(), observables), self.setup.rows
+        whole, rows = Moments(self.setup.whole(), observables, groups=self.groups), self.setup.rows
         try:
+            whole.codes = self.codes
             whole.fill(observables, progress)
         finally:
             if filled(whole):
@@ -202,13 +242,14 @@ class Moments(MomentTables, Reported):
                 variables[f"{kind}_{name}"] = (("time",), values)
         for name, result in self.observed.items():
             variables |= result.variables(name)
-        return variables
+        return variables if self.by_group is None else variables | variables_of(self.by_group)
 
     def attributes(self) -> dict[str, str]:
         """Origin of the moments as text for files, with the observers."""
         wanted = {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in self.observers.items()}
         told = {"observables": self._observables, "observers": wanted, "remarks": self.remarks()}
-        return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}}
+        grid = {} if self.groups is None else {"groups": self.groups.grid.told()}
+        return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}, **grid}
 
     def remarks(self) -> list[str]:
         """Sentences about values that the results of observers leave out."""
@@ -228,7 +269,7 @@ class Moments(MomentTables, Reported):
         target = files.path_of("path", path)
         if target.suffix == ".csv":
             self.save_table(target)
-            if self.observers:
+            if self._asked:
                 checks.warn(f"{target}: {self._not_in_tables()}", NotSavedWarning)
         else:
             variables = {"t": (("time",), self.t), **self._variables()}
@@ -239,10 +280,12 @@ class Moments(MomentTables, Reported):
         columns = {"t": self.t, "n_ok": self.n_ok}
         for kind, table in self._tables.items():
             columns |= {f"{kind} {name}": x for name, x in zip(self.columns(), table.T, strict=True)}
-        told = {"not in this table": self._not_in_tables()} if self.observers else {}
+        told = {"not in this table": self._not_in_tables()} if self._asked else {}
         tables.write(target, columns, {**self.attributes(), **told})
 
     def _not_in_tables(self) -> str:
+        if not self.observers:
+            return "a table of times cannot hold moments of groups: save those, as by_group.save(..), too"
         return (
             f"a table of times cannot hold the results of the observers {', '.join(self.observers)}: save a .nc or "
             ".npz file, too"
@@ -273,6 +316,7 @@ def moments(
     steps: int,
     observables: dict[str, Observable] | None = None,
     observers: dict[str, requests.Observer] | None = None,
+    groups: Any = None,
     progress: Progress = False,
     **options: Unpack[RunOptions],
 ) -> Moments:
@@ -282,6 +326,8 @@ def moments(
       sympy, in the model's own names and parameters; it is compiled. A function of q, p, (dof, lane) each, returns
       (lane,) values. A lane is a path; if there are few paths, a call holds the lanes of several saved times
     - observers: name -> further statistics of these values, one of `symsde.observe`; the results are in `observed`
+    - groups: the name of a parameter that differs from path to path, or names of some, or (path,) labels, whole
+      numbers: `by_group` has the moments, and results of observers, of the paths with each value or label
     - the other arguments are those of `simulate`; first_path is a multiple of 256, so that shards merge to the same
       bits
 
@@ -295,7 +341,7 @@ def moments(
         setup.warn_of_repeated_noise()
         wanted = requests.check_observers(observers)
         requests.warn_of_unsaid(wanted, beside=bool(given))
-        result = Moments(setup, given, wanted)
+        result = Moments(setup, given, wanted, groups_of(groups, model, setup.paths))
         result.fill(given, progress)
     except BaseException as stop:
         carry(stop, lambda: filled(result))

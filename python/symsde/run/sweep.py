@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Unpack
 
@@ -23,8 +21,9 @@ from ..errors import (
 from ..model.definition import Model, require_model
 from ..native import checks, files
 from ..native.progress import Progress, told_by
-from ..show import plot, tables
 from ..show.values import Values
+from .groups import TAKEN, Grid, GroupedMoments, Groups
+from .moments import Moments
 from .observers.observables import (
     Observable,
     are_in_python,
@@ -38,49 +37,17 @@ from .setup import RunOptions, Setup, make_setup
 from .simulate import Run
 
 _NUMBERS = 2**23  #: most numbers of the saved paths that are held at once
+_PATHS = 2**22  #: paths of some values that are run at once, if only their means are kept
 _UNIT = 256  #: if the paths of one value are divided, each part has a multiple of this number of paths
-_TAKEN = {"time", "t", "dof", "path", "value", "n_ok", "energy"}  #: names that files use for dimensions and variables
-KINDS = ("mean", "var", "se_mean")
 
 
-@dataclasses.dataclass(frozen=True)
-class Grid:
-    """The values of a sweep: a product of arrays, or rows of them."""
-
-    values: dict[str, np.ndarray]  #: name -> (value,)
-    is_zip: bool
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Lengths of the axes."""
-        sizes = tuple(x.size for x in self.values.values())
-        return sizes[:1] if self.is_zip else sizes
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Names of the axes."""
-        return ("value",) if self.is_zip else tuple(self.values)
-
-    def flat(self) -> dict[str, np.ndarray]:
-        """Values of every point, the last axis fastest."""
-        if self.is_zip:
-            return self.values
-        places = np.indices(self.shape).reshape(len(self.shape), -1)
-        return {name: x[i] for (name, x), i in zip(self.values.items(), places, strict=True)}
-
-
-class Sweep:
+class Sweep(GroupedMoments):
     """Means, variances and standard errors of means for each value of some parameters, at each saved time.
 
     `mean_q`, `var_q` and `se_mean_q` have the shape (time, dof, ..), like the arrays of p; those of the energy, and
     `n_ok`, have the shape (time, ..). The dots stand for one axis for each parameter, or for a single axis with zip.
     """
 
-    t: np.ndarray  #: (time,)
-    parameters: dict[str, np.ndarray]  #: values of each parameter, (value,)
-    dims: tuple[str, ...]  #: names of the axes of the values
-    n_ok: np.ndarray  #: (time, ..), number of paths that count
-    mean: dict[str, np.ndarray]  #: (time, ..) of each observable; likewise var, se_mean
     status: np.ndarray  #: (.., path), 0 = ok
     q: np.ndarray | None  #: (time, dof, .., path) if paths are kept
     p: np.ndarray | None
@@ -88,20 +55,40 @@ class Sweep:
 
     def __init__(self, setup: Setup, grid: Grid, paths: int, observables: Mapping[str, Observable], *, keep: bool):
         """Allocate the results."""
-        self._setup, self._grid, self._observables = setup, grid, described(observables)
+        self._setup, self.paths, self._observables = setup, paths, described(observables)
         refuse_coordinates(self._observables, setup.model)
-        self.parameters, self.dims, self.paths = dict(grid.values), grid.dims, paths
-        self.values = Values.of(setup.model.coordinates, setup.model.traits.has_value, self._observables)
-        ntime, count, ndof = setup.ntime, math.prod(grid.shape), setup.model.ndof
-        nvalue = len(self.values.names)
-        checks.room((4, nvalue, ntime, count), "the means of a sweep (mean, variance, error; value, time, point)")
+        values = Values.of(setup.model.coordinates, setup.model.traits.has_value, self._observables)
+        super().__init__(self, grid, values, setup.ntime)
+        ntime, count, ndof = setup.ntime, grid.count, setup.model.ndof
         if keep:
             checks.room((2, ntime, ndof, count, paths), "the paths of a sweep (q and p; time, dof, point, path)")
-        self.t = np.full(ntime, np.nan)
-        self._n = np.zeros((ntime, count), np.int64)
-        self._mean, self._m2 = np.zeros((2, nvalue, ntime, count))
         self._status = np.full((count, paths), -1, np.int32)
         self._q, self._p = (np.full((ntime, ndof, count, paths), np.nan) for _ in "qp") if keep else (None, None)
+
+    def run_means(self, setup: Setup, functions: Mapping, where: tuple[slice, slice], tell: Progress) -> Report:
+        """Run the paths of some values, and store their moments: of values whose paths have all been run."""
+        points, _ = where
+        grid = Grid({"group": np.arange(points.start, points.stop)}, is_zip=False)
+        found = Moments(setup, functions, None, Groups.of(grid, np.repeat(np.arange(grid.count), self.paths)))
+        found.codes = np.full(setup.paths, -1, np.int32)
+        found.fill(functions, tell)
+        here = found.by_group
+        status = found.codes.reshape(-1, self.paths)
+        whole = (here.n_ok[-1] + np.count_nonzero(status > 0, axis=1) == self.paths) & (status >= 0).all(axis=1)
+        at = points.start + np.flatnonzero(whole)
+        self.t = found.t
+        self._status[at] = status[whole]
+        self._n[:, at] = here._n[:, whole]
+        self._mean[:, :, at], self._m2[:, :, at] = here._mean[:, :, whole], here._m2[:, :, whole]
+        return found.report
+
+    def run_paths(self, setup: Setup, functions: Mapping, where: tuple[slice, slice], tell: Progress) -> Report:
+        """Run a part of the paths of some values, and store them unless the run is stopped."""
+        run = Run(setup)
+        run.fill(tell)
+        if not run.report.stopped:
+            self.take(run, rows_of(functions, setup.model), *where)
+        return run.report
 
     def take(self, run: Run, rows: Callable | None, groups: slice, part: slice) -> None:
         """Store the results of a run: the paths `part` of each of the values `groups`."""
@@ -129,78 +116,16 @@ class Sweep:
 
     def finish(self) -> Sweep:
         """Make the results available as attributes by their names."""
-        shape, ndof, names = self._grid.shape, self.values.ndof, self.values
-        with np.errstate(invalid="ignore", divide="ignore"):
-            n = self._n.astype(float)
-            var = np.where(n > 1, self._m2 / (n - 1), np.nan)
-            found = {"mean": np.where(n > 0, self._mean, np.nan), "var": var, "se_mean": np.sqrt(var / n)}
-        self.n_ok = self._n.reshape(-1, *shape)
-        self.status = self._status.reshape(*shape, self.paths)
+        super().finish()
+        self.status = self._status.reshape(*self._grid.shape, self.paths)
+        shape = self._grid.shape
         self.q, self.p = (x if x is None else x.reshape(*x.shape[:2], *shape, -1) for x in (self._q, self._p))
-        self._tables = {kind: x.reshape(*x.shape[:2], *shape) for kind, x in found.items()}
-        for kind, x in self._tables.items():
-            setattr(self, f"{kind}_q", np.moveaxis(x[:ndof], 0, 1))
-            setattr(self, f"{kind}_p", np.moveaxis(x[ndof : 2 * ndof], 0, 1))
-            if names.has_energy:
-                setattr(self, f"{kind}_energy", x[2 * ndof])
-            setattr(self, kind, dict(zip(names.observables, x[2 * ndof + names.has_energy :], strict=True)))
         return self
-
-    def table(self, kind: str) -> np.ndarray:
-        """The table of one kind, "mean", "var" or "se_mean": (name, time, ..), the names in the order of `columns`."""
-        return self._tables[KINDS[checks.choice("kind", kind, KINDS)]]
-
-    def columns(self) -> list[str]:
-        """Names of the values, in their order: coordinates, momenta, energy, observables."""
-        return list(self.values.names)
 
     def attributes(self) -> dict[str, str]:
         """Origin of the sweep as text for files."""
         told = {name: x.tolist() for name, x in self.parameters.items()}
         return {**self._setup.attributes(), "sweep": json.dumps(told), "paths_of_a_value": str(self.paths)}
-
-    def to_xarray(self):
-        """An xarray.Dataset with dims time, dof and one for each parameter (value with zip), and path if kept."""
-        return files.dataset(self._variables(), self._coordinates(), self.attributes())
-
-    def save(self, path: str | os.PathLike) -> None:
-        """Write a .nc (needs xarray and netCDF4) or .npz file, or a .csv table with a row for each time and value."""
-        target = files.path_of("path", path)
-        if target.suffix != ".csv":
-            variables = {"t": (("time",), self.t), **self._variables()}
-            variables |= {name: x for name, x in self._coordinates().items() if name not in ("time", "t", "dof")}
-            files.write(target, self.to_xarray, variables, self.attributes(), also=".csv, ")
-            return
-        times, points = len(self.t), math.prod(self._grid.shape)
-        columns = {"t": np.repeat(self.t, points)}
-        columns |= {name: np.tile(x, times) for name, x in self._grid.flat().items()}
-        columns["n_ok"] = self.n_ok.ravel()
-        for kind, table in self._tables.items():
-            columns |= {f"{kind} {name}": x.ravel() for name, x in zip(self.columns(), table, strict=True)}
-        tables.write(target, columns, self.attributes())
-
-    def plot(self, path=None, *, ax=None, of: str | None = None, over: str | None = None, at: int = -1):
-        """Draw means over a parameter with a band of two standard errors, at one saved time.
-
-        of: a name of `columns`, by default the first; over: the parameter of the abscissa, by default the first, whose
-        mean is drawn once for each value of the others, at most eight curves; at: index of the saved time. A figure is
-        written if a path is given; or draw into `ax`.
-        """
-        names, axes = self.columns(), list(self.parameters)
-        place = 0 if of is None else checks.choice("of", self.values.called(of), names)
-        axis = 0 if over is None else checks.choice("over", over, axes)
-        over = axes[axis]
-        mean, error = (self._tables[kind][place][at] for kind in ("mean", "se_mean"))
-        x, told = self.parameters[over], f"{names[place]} at t = {self.t[at]:g}"
-        if self._grid.is_zip:
-            return plot.sweep(self.title, (over, told), [("", x, mean, error)], (path, ax))
-        others = [name for name in axes if name != over]
-        curves = []
-        for places in itertools.islice(itertools.product(*(range(self.parameters[y].size) for y in others)), 8):
-            label = ", ".join(f"{y} = {self.parameters[y][i]:g}" for y, i in zip(others, places, strict=True))
-            where = (*places[:axis], slice(None), *places[axis:])
-            curves.append((label, x, mean[where], error[where]))
-        return plot.sweep(self.title, (over, told), curves, (path, ax))
 
     @property
     def title(self) -> str:
@@ -209,27 +134,14 @@ class Sweep:
 
     def __repr__(self) -> str:
         """One line."""
-        axes = " x ".join(
-            f"{checks.counted(n, 'value')} of {name}" for name, n in zip(self.dims, self._grid.shape, strict=True)
-        )
         return (
-            f"<sweep of {self.title}: {axes}, {checks.counted(self.paths, 'path')} each, "
+            f"<sweep of {self.title}: {self._axes()}, {checks.counted(self.paths, 'path')} each, "
             f"{checks.counted(len(self.t), 'time')}, {self.report.failed} failed>"
         )
 
-    def _coordinates(self) -> files.Variables:
-        found = files.axes(self.t, self.values.ndof)
-        found |= {name: (("value",) if self._grid.is_zip else (name,), x) for name, x in self.parameters.items()}
-        return found
-
     def _variables(self) -> files.Variables:
-        dims, ndof = self.dims, self.values.ndof
-        found = {"n_ok": (("time", *dims), self.n_ok), "status": ((*dims, "path"), self.status)}
-        for kind in KINDS:
-            for letter in "qp":
-                found[f"{kind}_{letter}"] = (("time", "dof", *dims), getattr(self, f"{kind}_{letter}"))
-            for name, x in zip(self.columns()[2 * ndof :], self._tables[kind][2 * ndof :], strict=True):
-                found[f"{kind}_{name}"] = (("time", *dims), x)
+        dims = self.dims
+        found = {**super()._variables(), "status": ((*dims, "path"), self.status)}
         for letter, x in (("q", self.q), ("p", self.p)):
             if x is not None:
                 found[letter] = (("time", "dof", *dims, "path"), x)
@@ -295,8 +207,7 @@ def sweep(
     same_noise, keep = checks.flag("same_noise", same_noise), checks.flag("keep_paths", keep_paths)
     if options.pop("increments", None) is not None:
         raise IncompatibleError("increments are those of one run: give a seed, and same_noise=True for the same noise")
-    points = grid.flat()
-    count = next(iter(points.values())).size
+    points, count = grid.flat(), grid.count
     options |= {"q0": q0, "p0": p0, "step": step, "steps": steps, "in_python": are_in_python(functions)}
     many = isinstance(model, Model)
     if not many and not callable(model):
@@ -310,29 +221,29 @@ def sweep(
         require_model(found)
         return found
 
-    first = made(slice(0, 1), paths)
-    begun = make_setup(first, paths=paths, **options)
+    first_path = checks.integer("first_path", options.get("first_path", 0), (0, 2**47))
+    by_means = many and not keep and first_path % _UNIT == 0
+    begun = make_setup(model if many and not model.paths else made(slice(0, 1), paths), paths=paths, **options)
     result = Sweep(begun, grid, paths, functions, keep=keep)
-    most = max(_UNIT, _NUMBERS // (2 * begun.ntime * first.ndof) // _UNIT * _UNIT)
+    parts = _values_at_once(count, paths) if by_means else _parts(count, paths, _most(begun), one_by_one=not many)
     done, total, doubts, report, stopped = 0, count * paths * begun.options.steps, {}, None, False
     try:
-        for groups, part in _parts(count, paths, most, one_by_one=not many):
+        for groups, part in parts:
             each = part.stop - part.start
             setup = _setup(made(groups, each), options, paths, (groups, part), same_noise=same_noise)
-            run = Run(setup)
+            shown = (lambda now, _, b=done: tell(b + now, total)) if tell else False
             with checks.unwarned():
-                run.fill((lambda now, _, b=done: tell(b + now, total)) if tell else False)
-            if run.report.stopped:
+                told = (result.run_means if by_means else result.run_paths)(setup, functions, (groups, part), shown)
+            report = report or told
+            if told.stopped:
                 stopped = True
                 break
-            result.take(run, rows_of(functions, setup.model), groups, part)
             done += setup.paths * setup.options.steps
-            report = report or run.report
-            doubts |= dict.fromkeys(run.report.warnings)
+            doubts |= dict.fromkeys(told.warnings)
     finally:
         if bar:
             bar.close()
-    return _told(result, report or run.report, doubts, stopped=stopped)
+    return _told(result, report, doubts, stopped=stopped)
 
 
 def _told(result: Sweep, report: Report, doubts: dict[str, None], *, stopped: bool) -> Sweep:
@@ -362,7 +273,7 @@ def _grid(values: Mapping[str, Any], is_zip: bool) -> Grid:
             raise WrongShapeError(f"values of {name} have shape {array.shape}: give (value,), one number at least")
         if not np.isfinite(array).all():
             raise InvalidArgumentError(f"values of {name} are not all finite: give finite numbers")
-        if checks.name_of("name of a parameter", name) in _TAKEN:
+        if checks.name_of("name of a parameter", name) in TAKEN:
             raise InvalidArgumentError(f"the parameter {name} has the name of a dimension of results: rename it")
         arrays[name] = array
     sizes = {name: x.size for name, x in arrays.items()}
@@ -370,6 +281,19 @@ def _grid(values: Mapping[str, Any], is_zip: bool) -> Grid:
         told = ", ".join(f"{size} of {name}" for name, size in sizes.items())
         raise WrongShapeError(f"zip=True takes as many values of each parameter, and there are {told}")
     return Grid(arrays, is_zip)
+
+
+def _most(begun: Setup) -> int:
+    """Paths whose saved points are held at once."""
+    return max(_UNIT, _NUMBERS // (2 * begun.ntime * begun.model.ndof) // _UNIT * _UNIT)
+
+
+def _values_at_once(count: int, paths: int) -> Iterator[tuple[slice, slice]]:
+    """Give the values that are run at once, with all their paths: each run begins at a multiple of 256."""
+    whole = _UNIT // math.gcd(paths, _UNIT)
+    together = max(1, _PATHS // (paths * whole)) * whole
+    for k in range(0, count, together):
+        yield slice(k, min(k + together, count)), slice(0, paths)
 
 
 def _parts(count: int, paths: int, most: int, *, one_by_one: bool) -> Iterator[tuple[slice, slice]]:

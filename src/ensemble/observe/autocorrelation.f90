@@ -99,6 +99,7 @@ contains
       integer :: lag
 
       counts = state%status == 0
+      if (allocated(self%mine)) counts = counts .and. self%mine
       if (.not. any(counts)) return
       x(:, 3) = self%product(:, 0)/self%run%ntime
       x(:, 4) = self%mean(:, 0)/self%run%ntime

@@ -31,6 +31,8 @@ module symsde_ensemble_observe_moment_collector
       integer(i8) :: failed(max_failed_listed) = -1       !! global indices, ascending
       integer(i4) :: status(max_failed_listed) = 0
       integer(i8) :: failed_step(max_failed_listed) = -1
+      integer(i8) :: first_path = 0
+      integer(i4), pointer, contiguous :: codes(:) => null()  !! status of each path, where wanted (npath)
    end type moment_store
 
    !> States that wait for the user's observables, which are called for many states at once, since a Python call costs
@@ -317,11 +319,22 @@ contains
          call insert_node(self%store%tree, self%pieces(i))
       end do
       call self%list%end_block(state)
+      if (self%npiece > 0 .and. associated(self%store%codes)) call give_codes(self, state)
       do lane = 1, self%nreal
          if (state%status(lane) == 0 .or. state%status(lane) == absorbed) cycle
          call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
       end do
    end subroutine end_block
+
+   !> Keep the status of the paths of the block.
+   subroutine give_codes(self, state)
+      class(moment_collector), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer(i8) :: at
+
+      at = self%first - self%store%first_path
+      self%store%codes(at + 1:at + self%nreal) = int(state%status(:self%nreal), i4)
+   end subroutine give_codes
 
    subroutine gather(self)
       class(moment_collector), intent(inout) :: self

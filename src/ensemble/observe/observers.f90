@@ -1,17 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The streaming observers of a run: their kinds, how an observer is made from a request, and the list of all observers.
 module symsde_ensemble_observe_observers
-   use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: error_type, raise, invalid_argument, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_observe_autocorrelation, only: autocorrelation_observer, new_autocorrelation_observer
    use symsde_ensemble_observe_covariance, only: covariance_observer, new_covariance_observer
    use symsde_ensemble_observe_extremes, only: extremes_observer, new_extremes_observer
    use symsde_ensemble_observe_histogram, only: histogram_observer, new_histogram_observer
+   use symsde_ensemble_observe_mean_values, only: mean_values_observer, new_mean_values_observer
    use symsde_ensemble_observe_passage, only: passage_observer, new_passage_observer
    use symsde_ensemble_observe_paths, only: paths_observer, new_paths_observer
    use symsde_ensemble_options, only: run_options, saved_count
-   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, final_node
+   use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
    use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_type, observer_store, &
                                                 observed_run
    use symsde_model_abstract, only: model_type
@@ -19,9 +20,9 @@ module symsde_ensemble_observe_observers
    implicit none
    private
    public :: observe_histogram, observe_quantiles, observe_covariance, observe_autocorrelation, observe_extremes, &
-             observe_passage, observe_paths
-   public :: observer_plan, new_observer_plan, observer_list, new_observer_list, new_observed_run, new_observed, &
-             merge_observed, observed_answer
+             observe_passage, observe_paths, observe_means
+   public :: observer_plan, new_observer_plan, observer_list, new_observer_list, new_observer, &
+             new_observed_run, new_observed, ngroup
 
    integer, parameter :: observe_histogram = 1       !! histogram of one value, bins of one width
    integer, parameter :: observe_quantiles = 2       !! quantiles of one value, bins of one relative width
@@ -30,6 +31,7 @@ module symsde_ensemble_observe_observers
    integer, parameter :: observe_extremes = 5        !! extremes of one value until each saved time
    integer, parameter :: observe_passage = 6         !! passages out of an interval
    integer, parameter :: observe_paths = 7           !! some values of chosen paths
+   integer, parameter :: observe_means = 8           !! means of some values
    integer, parameter :: one_value(5) = [observe_histogram, observe_quantiles, observe_autocorrelation, &
                                          observe_extremes, observe_passage]
 
@@ -38,7 +40,9 @@ module symsde_ensemble_observe_observers
       type(observer_request), allocatable :: requests(:)
       type(observed_run) :: run
       logical :: watches_steps = .false.               !! whether some observer sees every step
-      type(observer_store), allocatable :: stores(:)   !! data shared by the threads
+      type(observer_store), allocatable :: stores(:)   !! data shared by the threads, of each group of each request
+      integer, allocatable :: before(:)                !! stores of the requests before (nrequest)
+      logical, allocatable :: tables_only(:)           !! whether blocks leave nothing in the observer (nrequest)
    contains
       procedure :: numbers => numbers_of_all
       procedure :: deliver
@@ -48,8 +52,14 @@ module symsde_ensemble_observe_observers
       class(streaming_observer), allocatable :: observer
    end type observer_slot
 
+   !> The observers of a thread. Those of groups are made when a block first holds a path of the group; where a block
+   !> leaves nothing in them, they look at other groups in other blocks.
    type :: observer_list
-      type(observer_slot), allocatable :: slots(:)
+      type(observer_plan), pointer :: plan => null()
+      class(model_type), pointer :: model => null()
+      type(observer_slot), allocatable :: slots(:)     !! as the stores of the plan
+      integer :: nactive = 0
+      integer, allocatable :: active(:)                !! slots that look at paths of the block (nactive)
    contains
       procedure :: is_empty
       procedure :: begin_block
@@ -107,6 +117,8 @@ contains
          allocate (extremes_observer :: observer)
       case (observe_passage)
          allocate (passage_observer :: observer)
+      case (observe_means)
+         allocate (mean_values_observer :: observer)
       case default
          allocate (paths_observer :: observer)
       end select
@@ -119,6 +131,8 @@ contains
          call new_autocorrelation_observer(observer, request, run%ntime, error)
       type is (extremes_observer)
          call new_extremes_observer(observer, run%ntime)
+      type is (mean_values_observer)
+         call new_mean_values_observer(observer, request, run%ntime)
       type is (passage_observer)
          call new_passage_observer(observer, request, run, error)
       type is (paths_observer)
@@ -126,11 +140,19 @@ contains
       end select
       observer%request = request
       observer%run = run
-      if (real(observer%ncount, wp) + real(observer%nsum(), wp) > 2.0_wp**31) &
+      if (ngroup(request)*(real(observer%ncount, wp) + real(observer%nsum(), wp)) > 2.0_wp**31) &
          call raise(error, too_large, 'new_observer', 'an observer would keep '//to_text(observer%ncount)// &
-                    ' integers and '//to_text(observer%nsum())//' numbers: save less often (save_every), or ask '// &
-                    'for fewer bins, values or paths')
+                    ' integers and '//to_text(observer%nsum())//' numbers for each of '// &
+                    to_text(ngroup(request))//' groups: save less often (save_every), or ask for fewer bins, '// &
+                    'values, paths or groups')
    end subroutine new_observer
+
+   !> Number of statistics that a request asks for.
+   pure integer function ngroup(request)
+      type(observer_request), intent(in) :: request
+
+      ngroup = max(1, request%ngroup)
+   end function ngroup
 
    !> Refuse unknown kinds, and values that the run does not have.
    subroutine check_request(request, run, error)
@@ -141,9 +163,9 @@ contains
 
       n = 0
       if (allocated(request%values)) n = size(request%values)
-      if (request%kind < observe_histogram .or. request%kind > observe_paths) then
+      if (request%kind < observe_histogram .or. request%kind > observe_means) then
          call refuse('kind '//to_text(request%kind)//' of an observer does not exist: give 1 to '// &
-                     to_text(observe_paths))
+                     to_text(observe_means))
       else if (n == 0 .or. (n > 1 .and. any(request%kind == one_value))) then
          call refuse('an observer of kind '//to_text(request%kind)//' is given '//to_text(n)//' values: give '// &
                      trim(merge('one         ', 'at least one', any(request%kind == one_value))))
@@ -174,16 +196,31 @@ contains
       type(observed_run), intent(in) :: run
       type(error_type), allocatable, intent(inout) :: error
       class(streaming_observer), allocatable :: observer
-      integer :: i
+      integer(i8) :: given
+      integer :: i, n
 
       self%run = run
-      allocate (self%requests(size(requests)), self%stores(size(requests)))
+      allocate (self%requests(size(requests)), self%before(size(requests)), self%tables_only(size(requests)))
+      n = 0
       do i = 1, size(requests)
          self%requests(i) = requests(i)
+         self%before(i) = n
          call new_observer(observer, requests(i), run, error)
          if (allocated(error)) return
+         if (requests(i)%ngroup > 0) then
+            given = 0
+            if (associated(requests(i)%labels)) given = size(requests(i)%labels, kind=i8)
+            if (given /= run%npath) then
+               call raise(error, invalid_argument, 'new_observer_plan', 'an observer of groups has labels of '// &
+                          to_text(given)//' paths: give '//to_text(run%npath)//', those of the run')
+               return
+            end if
+         end if
          self%watches_steps = self%watches_steps .or. observer%watches_steps()
+         self%tables_only(i) = observer%ncount + observer%nsingle == 0
+         n = n + ngroup(requests(i))
       end do
+      allocate (self%stores(n))
    end subroutine new_observer_plan
 
    !> The observers of one thread, which deliver to the stores of the plan.
@@ -191,16 +228,26 @@ contains
       type(observer_list), intent(out) :: self
       type(observer_plan), intent(in), target :: plan
       class(model_type), intent(in), target, optional :: model  !! used in place of the plan's model
-      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
       integer :: i
 
-      allocate (self%slots(size(plan%requests)))
-      do i = 1, size(self%slots)
-         call new_observer(self%slots(i)%observer, plan%requests(i), plan%run, refusal)
-         self%slots(i)%observer%store => plan%stores(i)
-         if (present(model)) self%slots(i)%observer%run%model => model
+      self%plan => plan
+      if (present(model)) self%model => model
+      allocate (self%slots(size(plan%stores)), self%active(size(plan%stores)))
+      do i = 1, size(plan%requests)
+         if (plan%requests(i)%ngroup == 0) call fill_slot(self, i, plan%before(i) + 1)
       end do
    end subroutine new_observer_list
+
+   !> Make the observer of a request in a slot.
+   subroutine fill_slot(self, irequest, slot)
+      type(observer_list), intent(inout) :: self
+      integer, intent(in) :: irequest, slot
+      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
+
+      call new_observer(self%slots(slot)%observer, self%plan%requests(irequest), self%plan%run, refusal)
+      self%slots(slot)%observer%store => self%plan%stores(slot)
+      if (associated(self%model)) self%slots(slot)%observer%run%model => self%model
+   end subroutine fill_slot
 
    pure logical function is_empty(self)
       class(observer_list), intent(in) :: self
@@ -216,10 +263,50 @@ contains
       integer :: i
 
       if (self%is_empty()) return
-      do i = 1, size(self%slots)
-         call self%slots(i)%observer%begin_block(first, nreal, nlane)
+      self%nactive = 0
+      do i = 1, size(self%plan%requests)
+         if (self%plan%requests(i)%ngroup > 0) then
+            call begin_groups(self, i, first, nreal, nlane)
+         else
+            self%nactive = self%nactive + 1
+            self%active(self%nactive) = self%plan%before(i) + 1
+            call self%slots(self%active(self%nactive))%observer%begin_block(first, nreal, nlane)
+         end if
       end do
    end subroutine begin_block
+
+   !> Begin a block with the observers of the groups that it holds.
+   subroutine begin_groups(self, irequest, first, nreal, nlane)
+      class(observer_list), intent(inout) :: self
+      integer, intent(in) :: irequest, nreal, nlane
+      integer(i8), intent(in) :: first
+      integer(i4) :: labels(nlane)
+      integer :: lane, slot, nhere, store
+      integer(i8) :: at
+
+      at = first - self%plan%run%first_path
+      labels = -1
+      nhere = 0
+      associate (request => self%plan%requests(irequest))
+         labels(:nreal) = request%labels(at + 1:at + nreal)
+         do lane = 1, nreal
+            if (labels(lane) < 0 .or. labels(lane) >= request%ngroup) cycle
+            nhere = nhere + 1
+            store = self%plan%before(irequest) + labels(lane) + 1
+            slot = store
+            if (self%plan%tables_only(irequest)) slot = self%plan%before(irequest) + nhere
+            if (.not. allocated(self%slots(slot)%observer)) call fill_slot(self, irequest, slot)
+            self%nactive = self%nactive + 1
+            self%active(self%nactive) = slot
+            associate (observer => self%slots(slot)%observer)
+               observer%store => self%plan%stores(store)
+               observer%mine = labels == labels(lane)
+               where (observer%mine) labels = -1
+               call observer%begin_block(first, nreal, nlane)
+            end associate
+         end do
+      end associate
+   end subroutine begin_groups
 
    subroutine take(self, it, t, values, counts)
       class(observer_list), intent(inout) :: self
@@ -230,8 +317,14 @@ contains
       integer :: i
 
       if (self%is_empty()) return
-      do i = 1, size(self%slots)
-         call self%slots(i)%observer%take(it, t, values, counts)
+      do i = 1, self%nactive
+         associate (observer => self%slots(self%active(i))%observer)
+            if (allocated(observer%mine)) then
+               call observer%take(it, t, values, counts .and. observer%mine)
+            else
+               call observer%take(it, t, values, counts)
+            end if
+         end associate
       end do
    end subroutine take
 
@@ -243,8 +336,8 @@ contains
       integer :: i
 
       if (self%is_empty()) return
-      do i = 1, size(self%slots)
-         call self%slots(i)%observer%watch(istep, t, state)
+      do i = 1, self%nactive
+         call self%slots(self%active(i))%observer%watch(istep, t, state)
       end do
    end subroutine watch
 
@@ -255,9 +348,9 @@ contains
       integer :: i
 
       if (self%is_empty()) return
-      do i = 1, size(self%slots)
-         call self%slots(i)%observer%close_block(state)
-         call self%slots(i)%observer%end_block()
+      do i = 1, self%nactive
+         call self%slots(self%active(i))%observer%close_block(state)
+         call self%slots(self%active(i))%observer%end_block()
       end do
    end subroutine end_block
 
@@ -268,7 +361,7 @@ contains
 
       if (self%is_empty()) return
       do i = 1, size(self%slots)
-         call self%slots(i)%observer%gather()
+         if (allocated(self%slots(i)%observer)) call self%slots(i)%observer%gather()
       end do
    end subroutine gather
 
@@ -277,13 +370,14 @@ contains
       class(observer_plan), intent(in) :: self
       integer(i8), intent(in) :: npath
       integer, intent(in) :: nthread
-      type(observer_list) :: list
+      class(streaming_observer), allocatable :: observer
+      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
       integer :: i
 
-      call new_observer_list(list, self)
       numbers = 0
-      do i = 1, size(list%slots)
-         numbers = numbers + list%slots(i)%observer%numbers(npath, nthread)
+      do i = 1, size(self%requests)
+         call new_observer(observer, self%requests(i), self%run, refusal)
+         numbers = numbers + ngroup(self%requests(i))*observer%numbers(npath, nthread)
       end do
    end function numbers_of_all
 
@@ -291,20 +385,30 @@ contains
    subroutine deliver(self, observed)
       class(observer_plan), intent(inout) :: self
       type(observed_type), allocatable, intent(out) :: observed(:)
-      type(observer_list) :: list
+      class(streaming_observer), allocatable :: observer
+      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
       type(moment_node) :: table
-      integer :: i
+      integer(i8) :: m, n
+      integer :: i, k
 
-      call new_observer_list(list, self)
       allocate (observed(size(self%requests)))
       do i = 1, size(observed)
-         associate (observer => list%slots(i)%observer, store => self%stores(i))
-            call clear_observed(observed(i), observer)
-            if (.not. allocated(store%counts)) cycle
-            call final_node(store%tree, table)
-            observed(i)%counts = store%counts
-            call observer%to_sums(store%singles, table, observed(i)%sums)
-         end associate
+         call new_observer(observer, self%requests(i), self%run, refusal)
+         call clear_observed(observed(i), observer)
+         m = observer%ncount
+         n = observer%nsum()
+         do k = 1, ngroup(self%requests(i))
+            associate (store => self%stores(self%before(i) + k))
+               if (.not. self%tables_only(i) .and. .not. allocated(store%counts)) cycle
+               call final_node(store%tree, table)
+               if (allocated(store%counts)) then
+                  observed(i)%counts((k - 1)*m + 1:k*m) = store%counts
+                  call observer%to_sums(store%singles, table, observed(i)%sums((k - 1)*n + 1:k*n))
+               else
+                  call observer%to_sums([real(wp) ::], table, observed(i)%sums((k - 1)*n + 1:k*n))
+               end if
+            end associate
+         end do
       end do
    end subroutine deliver
 
@@ -320,7 +424,7 @@ contains
       nanswer = 0
       call new_observer(observer, request, run, error)
       if (allocated(error)) return
-      nanswer = observer%nanswer()
+      nanswer = ngroup(request)*observer%nanswer()
       call clear_observed(observed, observer)
    end subroutine new_observed
 
@@ -329,58 +433,20 @@ contains
       type(observed_type), intent(out) :: observed
       class(streaming_observer), intent(in) :: observer
 
+      integer(i8) :: m, n
+      integer :: k
+
       observed%request = observer%request
       observed%of = observer%run
-      allocate (observed%counts(observer%ncount), observed%sums(observer%nsum()))
+      m = observer%ncount
+      n = observer%nsum()
+      allocate (observed%counts(ngroup(observed%request)*m), observed%sums(ngroup(observed%request)*n))
       observed%sums = 0
-      call observer%clear(observed%counts, observed%sums(:observer%nsingle))
+      do k = 0, ngroup(observed%request) - 1
+         call observer%clear(observed%counts(k*m + 1:(k + 1)*m), observed%sums(k*n + 1:k*n + observer%nsingle))
+      end do
+      nullify (observed%request%labels)
       nullify (observed%of%model, observed%of%observables)  ! results may outlive the model and the observables
    end subroutine clear_observed
-
-   !> Merge two siblings into the left part, as merge_moments does: a part is the paths j 2^k .. (j+1) 2^k - 1 with k >=
-   !> 8.
-   subroutine merge_observed(left, right, error)
-      type(observed_type), intent(inout) :: left
-      type(observed_type), intent(in) :: right
-      type(error_type), allocatable, intent(inout) :: error
-      class(streaming_observer), allocatable :: observer
-      type(moment_tree) :: tree
-      type(moment_node) :: table
-      real(wp), allocatable :: singles(:)
-
-      call new_observer(observer, left%request, left%of, error)
-      if (allocated(error)) return
-      if (size(left%counts) /= size(right%counts) .or. size(left%sums) /= size(right%sums) .or. &
-          left%request%kind /= right%request%kind) then
-         call raise(error, incompatible, 'merge_observed', 'the two parts hold statistics of different kinds or '// &
-                    'sizes: merge parts of one run')
-         return
-      end if
-      associate (n => observer%nsingle)
-         call observer%join(left%counts, left%sums(:n), right%counts, right%sums(:n))
-         if (observer%nrow == 0) return
-         call observer%to_table(left%sums, table)
-         call insert_node(tree, table)
-         call observer%to_table(right%sums, table)
-         table%index = 1
-         call insert_node(tree, table)
-         call final_node(tree, table)
-         singles = left%sums(:n)
-         call observer%to_sums(singles, table, left%sums)
-      end associate
-   end subroutine merge_observed
-
-   !> Answers and their standard errors; the module of each observer documents their shapes.
-   subroutine observed_answer(observed, values, errors, error)
-      type(observed_type), intent(in) :: observed
-      real(wp), allocatable, intent(out) :: values(:), errors(:)
-      type(error_type), allocatable, intent(inout) :: error
-      class(streaming_observer), allocatable :: observer
-
-      call new_observer(observer, observed%request, observed%of, error)
-      if (allocated(error)) return
-      allocate (values(observer%nanswer()), errors(observer%nanswer()))
-      call observer%answer(observed%counts, observed%sums, values, errors)
-   end subroutine observed_answer
 
 end module symsde_ensemble_observe_observers

@@ -118,6 +118,11 @@ contains
          self%rate = 0
          self%nlook = self%nreal
          self%lanes = [(min(lane, self%nreal), lane=1, n)]
+         if (allocated(self%mine)) then
+            self%nlook = count(self%mine(:self%nreal))
+            self%lanes(:self%nlook) = pack([(lane, lane=1, self%nreal)], self%mine(:self%nreal))
+            self%lanes(self%nlook + 1:) = self%lanes(self%nlook)
+         end if
          self%path = self%first + self%lanes - 1
          self%nseen = -1
       end associate

@@ -58,6 +58,9 @@ contains
       do i = 1, size(self%request%paths)
          associate (path => self%request%paths(i))
             if (path < self%first .or. path >= self%first + self%nreal) cycle
+            if (allocated(self%mine)) then
+               if (.not. self%mine(path - self%first + 1)) cycle
+            end if
             self%place(path - self%first + 1) = i
             self%counts(i) = 0
          end associate

@@ -9,11 +9,12 @@
 !>
 !> Every thread has its own copy; the copies share the store, which one thread at a time may change.
 module symsde_ensemble_observe_streaming
-   use symsde_base_kinds, only: wp, i8
+   use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_laws, only: law_gaussian
    use symsde_ensemble_statistics_comoments, only: pair_count, pair_place, reduce_pair
    use symsde_ensemble_observe_observables, only: observables_type
-   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
+   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes, &
+                                                   reduce_nodes
    use symsde_model_abstract, only: model_type
    use symsde_step_block_state, only: lane_state
    implicit none
@@ -33,6 +34,8 @@ module symsde_ensemble_observe_streaming
       integer(i8), allocatable :: paths(:)    !! global indices, ascending
       logical :: absorbs = .false.            !! whether paths that leave end there
       logical :: bridges = .true.             !! whether paths may leave between two steps, too
+      integer :: ngroup = 0                   !! groups of paths, each with a statistic of its own; 0: all are one group
+      integer(i4), pointer, contiguous :: labels(:) => null()  !! group of each path, from 0; others are in none (npath)
    end type observer_request
 
    !> Data of a run that observers need.
@@ -55,7 +58,7 @@ module symsde_ensemble_observe_streaming
       type(observer_request) :: request
       type(observed_run) :: of
       integer(i8), allocatable :: counts(:)
-      real(wp), allocatable :: sums(:)        !! numbers of single paths, then the rows of the table
+      real(wp), allocatable :: sums(:)        !! of each group: numbers of single paths, then the rows of the table
    end type observed_type
 
    !> Data of one observer that the threads of a run share.
@@ -76,6 +79,9 @@ module symsde_ensemble_observe_streaming
       type(observer_store), pointer :: store => null()
       integer(i8) :: first = 0                         !! first path of the block
       integer :: nreal = 0
+      logical, allocatable :: mine(:)                  !! lanes that are observed; all if not allocated (nlane)
+      integer :: nnode = 0
+      integer, allocatable :: lane(:), lane_level(:), meets(:)  !! nodes of these lanes, as of reduce_nodes (nlane)
       integer :: npiece = 0, offset(64) = 0, level(64) = 0
       type(moment_node), allocatable :: pieces(:)      !! tables of the pieces of the block
    contains
@@ -142,8 +148,46 @@ contains
          call self%clear(self%counts, self%singles)
       end if
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
+      if (allocated(self%mine)) call find_nodes(self)
       call self%open_block()
    end subroutine begin_block
+
+   !> The nodes of the tree that hold the observed lanes and no others, and the smallest piece around them.
+   subroutine find_nodes(self)
+      class(streaming_observer), intent(inout) :: self
+      integer :: offset(64), level(64)
+      integer :: a, b, n, half
+
+      if (.not. allocated(self%lane)) &
+         allocate (self%lane(self%run%nlane), self%lane_level(self%run%nlane), self%meets(self%run%nlane))
+      self%nnode = 0
+      b = 0
+      do
+         a = findloc(self%mine(b + 1:self%nreal), .true., 1)
+         if (a == 0) exit
+         a = a + b
+         b = findloc(self%mine(a:self%nreal), .false., 1) + a - 2
+         if (b < a) b = self%nreal
+         call dyadic_pieces(self%first + a - 1, b - a + 1, n, offset, level)
+         self%lane(self%nnode + 1:self%nnode + n) = a + offset(:n)
+         self%lane_level(self%nnode + 1:self%nnode + n) = level(:n)
+         self%nnode = self%nnode + n
+      end do
+      do n = 2, self%nnode
+         a = self%lane(n - 1)
+         self%meets(n) = bit_size(0_i8) - leadz(ieor(self%first + a - 1, self%first + self%lane(n) - 1))
+      end do
+      self%meets(1) = 0
+      if (self%npiece /= 1 .or. self%nnode == 0) return
+      a = self%lane(1) - 1
+      b = self%lane(self%nnode) + 2**self%lane_level(self%nnode) - 2
+      do while (self%level(1) > 0)
+         half = 2**(self%level(1) - 1)
+         if (a < self%offset(1) + half .and. b >= self%offset(1) + half) return
+         if (a >= self%offset(1) + half) self%offset(1) = self%offset(1) + half
+         self%level(1) = self%level(1) - 1
+      end do
+   end subroutine find_nodes
 
    !> Clear the data of the block before.
    subroutine nothing_before(self)
@@ -173,16 +217,28 @@ contains
       integer, intent(in) :: irow
       real(wp), intent(in), contiguous :: x(:, :)       !! (nlane, ncolumn)
       logical, intent(in), contiguous :: counts(:)      !! (nlane)
-      integer :: i, j, k, a, b, at
+      integer :: i, j, k, a, b, at, here, behind
 
+      behind = 1
       if (.not. allocated(self%pieces)) call new_pieces(self)
       do i = 1, self%npiece
          a = self%offset(i) + 1
          b = self%offset(i) + 2**self%level(i)
-         associate (piece => self%pieces(i))
+         here = behind
+         do while (behind <= self%nnode)
+            if (self%lane(behind) > b) exit
+            behind = behind + 1
+         end do
+         associate (piece => self%pieces(i), last => behind - 1)
             do j = 1, self%ncolumn
-               call reduce_lanes(self%level(i), x(a:b, j), counts(a:b), piece%n(irow), piece%mean(j, irow), &
-                                 piece%m2(j, irow))
+               if (allocated(self%mine)) then
+                  call reduce_nodes(behind - here, self%lane(here:last), self%lane_level(here:last), &
+                                    self%meets(here:last), size(x, 1), x(:, j), counts, piece%n(irow), &
+                                    piece%mean(j, irow), piece%m2(j, irow))
+               else
+                  call reduce_lanes(self%level(i), x(a:b, j), counts(a:b), piece%n(irow), piece%mean(j, irow), &
+                                    piece%m2(j, irow))
+               end if
                if (self%kept == means_only) cycle
                do k = 1, j
                   at = self%kept*(pair_place(k, j) - 1)

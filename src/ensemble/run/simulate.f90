@@ -121,7 +121,8 @@ contains
    end subroutine moments
 
    !> `moments` of checked options, from an initial state.
-   subroutine collect_moments(model, scheme, options, from, result, error, observers, observables, dw, monitor)
+   subroutine collect_moments(model, scheme, options, from, result, error, observers, observables, dw, monitor, &
+                              codes)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -132,6 +133,7 @@ contains
       class(observables_type), intent(in), target, optional :: observables
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
+      integer(i4), pointer, contiguous, intent(in), optional :: codes(:)  !! status of each path, where associated
       type(moment_store), allocatable, target :: store
       type(observer_plan), target :: plan
       type(moment_collector) :: collector
@@ -145,6 +147,8 @@ contains
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
+      store%first_path = options%first_path
+      if (present(codes)) store%codes => codes
       call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, observers, error, &
                           observables)
       if (allocated(error)) return

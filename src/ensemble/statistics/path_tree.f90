@@ -9,7 +9,7 @@ module symsde_ensemble_statistics_path_tree
    use symsde_ensemble_statistics_comoments, only: merge_pairs, pair_count
    implicit none
    private
-   public :: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes
+   public :: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes, reduce_nodes
 
    type :: moment_node
       integer :: level = 0                  !! level k
@@ -132,7 +132,7 @@ contains
       type(moment_node), allocatable :: more(:)
       integer :: i
 
-      if (.not. allocated(tree%nodes)) allocate (tree%nodes(64))
+      if (.not. allocated(tree%nodes)) allocate (tree%nodes(4))  ! groups of paths have a tree each
       if (tree%nnode < size(tree%nodes)) return
       allocate (more(2*size(tree%nodes)))
       do i = 1, tree%nnode
@@ -178,6 +178,55 @@ contains
          call reduce_some(level, x, counts, n, mean, m2)
       end if
    end subroutine reduce_lanes
+
+   !> Moments of one value over some lanes, which are given as nodes from left to right: those of a piece of which the
+   !> other lanes hold no path. The bits are those of reduce_some.
+   pure subroutine reduce_nodes(nnode, lane, level, join, nlane, x, counts, n, mean, m2)
+      integer, intent(in) :: nnode, nlane
+      integer, intent(in) :: lane(nnode), level(nnode)  !! first lane of each node, which holds 2^level lanes
+      integer, intent(in) :: join(nnode)                !! level of the smallest node with this one and the one before
+      real(wp), intent(in) :: x(nlane)
+      logical, intent(in) :: counts(nlane)
+      real(wp), intent(out) :: n, mean, m2
+      real(wp), dimension(highest_level + 2) :: na, ma, sa
+      integer :: meets(highest_level + 2)
+      integer :: i, top
+
+      na(1) = 0
+      ma(1) = 0
+      sa(1) = 0
+      top = 0
+      do i = 1, nnode
+         do while (top > 1)
+            if (meets(top) > join(i)) exit
+            call merge_two(na(top - 1), ma(top - 1), sa(top - 1), na(top), ma(top), sa(top))
+            top = top - 1
+         end do
+         top = top + 1
+         meets(top) = join(i)
+         call reduce_lanes(level(i), x(lane(i)), counts(lane(i)), na(top), ma(top), sa(top))
+      end do
+      do while (top > 1)
+         call merge_two(na(top - 1), ma(top - 1), sa(top - 1), na(top), ma(top), sa(top))
+         top = top - 1
+      end do
+      n = na(1)
+      mean = ma(1)
+      m2 = sa(1)
+   end subroutine reduce_nodes
+
+   !> Merge one value of two siblings into the left one.
+   pure subroutine merge_two(na, ma, sa, nb, mb, sb)
+      real(wp), intent(inout) :: na, ma, sa
+      real(wp), intent(in) :: nb, mb, sb
+      real(wp) :: share, d
+
+      share = nb/max(na + nb, 1.0_wp)
+      d = mb - ma
+      sa = sa + sb + d**2*(na*share)
+      ma = ma + d*share
+      na = na + nb
+   end subroutine merge_two
 
    !> Moments of a piece in which some lanes may not count.
    pure subroutine reduce_some(level, x, counts, n, mean, m2)

@@ -201,6 +201,17 @@ class Paths(Observer):
         return {"paths": np.array(indices, np.int64)}
 
 
+@dataclass(frozen=True)
+class Means(Observer):
+    """Means of all values, which moments of groups are made of."""
+
+    KIND: ClassVar[str] = "means"
+
+    def names(self, values: Values) -> tuple[str, ...]:
+        """All values."""
+        return tuple(values.names)
+
+
 def _range(observer: Any) -> dict[str, float]:
     return {key: checks.number(key, getattr(observer, key)) for key in ("low", "high")}
 

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Moments and observers of groups of paths, by values of parameters or by labels."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import observe
+from symsde.errors import (
+    InvalidArgumentError,
+    PathsFailedWarning,
+    UnknownNameError,
+    WrongShapeError,
+    WrongTypeError,
+)
+
+N = 700
+RUN = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 20, "save_every": 10, "seed": 1, "paths": N}
+LABELS = {
+    "some": np.arange(N) // 256,
+    "uneven": np.arange(N) // 100,
+    "turns": np.arange(N) % 3,
+    "drawn": np.random.default_rng(1).integers(0, 90, N),
+}
+
+
+def kinds():
+    """Observers of every kind."""
+    return {
+        "h": observe.Histogram("q_1", -1, 1, 8),
+        "u": observe.Quantiles("p_1", shares=[0.2, 0.5]),
+        "c": observe.Covariance(("q_1", "p_1")),
+        "a": observe.Autocorrelation("q_1", 1),
+        "e": observe.Extremes("p_1"),
+        "x": observe.Passage("q_1", low=-0.45, high=2, absorb=False),
+        "w": observe.Paths((3, 500), ("q_1",)),
+    }
+
+
+def same(one, other, **close):
+    """Whether the arrays of two results of an observer are equal, or close."""
+    mine, theirs = one.variables("x"), other.variables("x")
+    for key, (_, x) in mine.items():
+        if np.asarray(x).dtype.kind in "OU":
+            continue
+        if close:
+            np.testing.assert_allclose(x, theirs[key][1], **close, err_msg=key)
+        else:
+            np.testing.assert_array_equal(x, theirs[key][1], err_msg=key)
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_means_of_saved_paths(name):
+    """Means, variances and numbers of each group are those of its saved paths."""
+    labels = LABELS[name]
+    found = ss.moments(ss.models.kubo(), groups=labels, observables={"r": "q_1**2"}, **RUN).by_group
+    run = ss.simulate(ss.models.kubo(), **RUN)
+    assert found.dims == ("group",) and found.parameters["group"].tolist() == np.unique(labels).tolist()
+    for k, label in enumerate(np.unique(labels)):
+        mine = labels == label
+        assert (found.n_ok[:, k] == np.count_nonzero(mine)).all()
+        np.testing.assert_allclose(found.mean_q[:, 0, k], run.q[:, 0, mine].mean(1), rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(found.mean["r"][:, k], (run.q[:, 0, mine] ** 2).mean(1), rtol=1e-12)
+        if mine.sum() > 1:
+            np.testing.assert_allclose(found.var_p[:, 0, k], run.p[:, 0, mine].var(1, ddof=1), rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("lanes", [None, 8, 24])
+def test_bits_of_a_run_alone(lanes):
+    """Groups that begin at a multiple of 256 have the bits of a run of their paths alone, with observers of every
+    kind; the moments of all paths do not depend on groups.
+    """
+    options = {**RUN, "lanes": lanes, "threads": 2}
+    all_paths = ss.moments(ss.models.kubo(), groups=LABELS["some"], observers=kinds(), **options)
+    for kind in ("mean", "var", "se_mean"):
+        assert np.array_equal(all_paths.table(kind), ss.moments(ss.models.kubo(), **options).table(kind))
+    found = all_paths.by_group
+    for k in range(3):
+        here = {**RUN, "first_path": 256 * k, "paths": min(256, N - 256 * k)}
+        alone = ss.moments(ss.models.kubo(), observers=kinds(), **here)
+        assert np.array_equal(found.mean_p[..., k], alone.mean_p)
+        assert np.array_equal(found.var_energy[..., k], alone.var_energy)
+        for name, result in alone.observed.items():
+            same(found.observed[name][k], result)
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_observers_of_all_groups(name):
+    """The results of all groups together are those of a run without groups."""
+    found = ss.moments(ss.models.kubo(), groups=LABELS[name], observers=kinds(), **RUN)
+    plain = ss.moments(ss.models.kubo(), observers=kinds(), **RUN)
+    for key, result in plain.observed.items():
+        same(found.observed[key], result, rtol=1e-11, atol=1e-13)
+
+
+def test_absorbed_paths():
+    """Paths absorbed by the passage of their group leave all other results."""
+    asked = {"x": observe.Passage("q_1", low=-0.45, high=2, absorb=True)}
+    plain = ss.moments(ss.models.kubo(), observers=asked, **RUN)
+    found = ss.moments(ss.models.kubo(), groups=LABELS["turns"], observers=asked, **RUN)
+    assert np.array_equal(found.n_ok, plain.n_ok) and 0 < plain.n_ok[-1] < N
+    assert sum(x.n for x in found.by_group.observed["x"]) == plain.observed["x"].n
+    assert np.array_equal(found.by_group.n_ok.sum(axis=1), plain.n_ok)
+
+
+def test_parameters():
+    """Groups by one parameter, by two that make a product, and by two that go together; unequal times."""
+    omega, sigma = np.tile([1.0, 2.0], 350), np.repeat([0.1, 0.2], 350)
+    model = ss.models.kubo().with_parameters(a=omega, sigma=sigma)
+    one = ss.moments(model, groups="a", **RUN).by_group
+    assert one.dims == ("a",) and one.parameters["a"].tolist() == [1, 2] and one.mean_q.shape == (3, 1, 2)
+    two = ss.moments(model, groups=("a", "sigma"), **RUN).by_group
+    assert two.dims == ("a", "sigma") and two.mean_q.shape == (3, 1, 2, 2)
+    run = ss.simulate(model, **RUN)
+    for i, a in enumerate((1.0, 2.0)):
+        for j, s in enumerate((0.1, 0.2)):
+            np.testing.assert_allclose(two.mean_q[:, 0, i, j], run.q[:, 0, (omega == a) & (sigma == s)].mean(1), 1e-12)
+    rows = ss.moments(ss.models.kubo().with_parameters(a=omega, sigma=omega / 4), groups=["a", "sigma"], **RUN).by_group
+    assert rows.dims == ("value",) and rows.points() == [{"a": 1.0, "sigma": 0.25}, {"a": 2.0, "sigma": 0.5}]
+    uneven = {key: x for key, x in RUN.items() if key != "save_every"} | {"save_at": [0.0, 0.3, 2.0]}
+    some = ss.moments(model, groups="a", **uneven).by_group
+    assert np.array_equal(some.mean_q[[0, 2]], one.mean_q[[0, 2]]) and np.allclose(some.t, [0.0, 0.3, 2.0])
+
+
+def test_failed_paths():
+    """Failed paths count in no group from then on."""
+    steep = ss.model_from_sympy("p**2/2 - c*q**4", noise=["0.1*q"], params={"c": np.repeat([0.0, 50.0], 20)})
+    options = {**RUN, "steps": 200, "save_every": 100, "scheme": "stormer_verlet", "paths": 40}
+    with pytest.warns(PathsFailedWarning):
+        found = ss.moments(steep, groups="c", **options).by_group
+    assert found.n_ok[-1].tolist() == [20, 0] and np.isnan(found.mean_q[-1, 0, 1])
+
+
+def test_files(tmp_path):
+    """Files have a dimension for the groups; tables a row for each time and group."""
+    moments = ss.moments(ss.models.kubo(), groups=LABELS["turns"], observers={"h": kinds()["h"]}, **RUN)
+    found = moments.by_group
+    data = found.to_xarray()
+    assert data["mean_q"].dims == ("time", "dof", "group") and data["h_share"].dims[0] == "group"
+    assert np.array_equal(data["h_share"], [x.share for x in found.observed["h"]])
+    found.save(tmp_path / "groups.csv")
+    lines = [x for x in (tmp_path / "groups.csv").read_text().splitlines() if not x.startswith("#")]
+    assert len(lines) == 10 and lines[0].startswith("t,group,n_ok,mean q_1")
+    moments.save(tmp_path / "all.npz")
+    again = ss.load(tmp_path / "all.npz").by_group
+    assert np.array_equal(again.table("se_mean"), found.table("se_mean")) and again.attributes() == found.attributes()
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "word"),
+    [
+        ("b", UnknownNameError, "the parameter of groups"),
+        (["a", "b"], UnknownNameError, "the parameter of groups"),
+        (np.arange(5), WrongShapeError, r"groups have shape \(5,\): give \(path,\), labels of 700 paths"),
+        (np.zeros(N), WrongTypeError, "whole numbers"),
+        (3.5, WrongTypeError, "whole numbers"),
+    ],
+)
+def test_refusals(given, kind, word):
+    """Refuses groups with a sentence."""
+    with pytest.raises(kind, match=word):
+        ss.moments(ss.models.kubo(), groups=given, **RUN)
+
+
+def test_names_of_files():
+    """Refuses the groups of a parameter whose name files need for something else."""
+    model = ss.model_from_sympy("p**2/2 + dof*q**2/2", noise=["0.1*q"], params={"dof": np.repeat([1.0, 2.0], 350)})
+    with pytest.raises(InvalidArgumentError, match="rename it"):
+        ss.moments(model, groups="dof", **RUN)
