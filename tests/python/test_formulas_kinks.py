@@ -59,6 +59,21 @@ CASES = {
         lambda q, p: np.where(abs(q - p) < 1, 1, 0),
         lambda q, p: np.where(abs(q - p) < 1, 0, np.sign(abs(q) - 0.5)),
     ),
+    "Mod(q, 0.7)**2": (
+        lambda q, p: np.mod(q, 0.7) ** 2,
+        lambda q, p: 2 * np.mod(q, 0.7),
+        lambda q, p: 0 * q,
+    ),
+    "Mod(q - p, -1.5)*p": (
+        lambda q, p: np.mod(q - p, -1.5) * p,
+        lambda q, p: p,
+        lambda q, p: np.mod(q - p, -1.5) - p,
+    ),
+    "floor(3*q)*p + ceiling(q)*q**2 + frac(p)": (
+        lambda q, p: np.floor(3 * q) * p + np.ceil(q) * q**2 + p - np.floor(p),
+        lambda q, p: 2 * q * np.ceil(q),
+        lambda q, p: np.floor(3 * q) + 1,
+    ),
     "sqrt(q**2)": (lambda q, p: abs(q), lambda q, p: np.sign(q), lambda q, p: 0 * q),
     "atan2(p, q + 3)": (
         lambda q, p: np.arctan2(p, q + 3),
@@ -130,10 +145,61 @@ def test_traits():
     n = 12
     far = "+".join(f"p{i}**2/2" for i in range(1, n + 1)) + f"+ Max(q1, q{n})"
     assert ss.model_from_sympy(far).formula.structure.bandwidth == n - 1
+    factors = ss.model_from_sympy("p**2/2 + p*sign(q)").formula.structure
+    steps = ss.model_from_sympy("p**2/2 + p*floor(q)").formula.structure
+    assert not (factors.separable or factors.constant_mass or steps.separable or steps.constant_mass)
+    assert ss.model_from_sympy("(p**2 + Abs(q))/m", params={"m": 3.0}).formula.structure.separable
     plain = ss.model_from_sympy("p**2/2 + Piecewise((q**2, t > 3), (2*q**2, True))").formula.structure
     assert plain.kinked == () and plain.quadratic and plain.time_dependent
     again = pickle.loads(pickle.dumps(kinked))
     assert again.formula.structure.kinked == (0, 1) and again.traits == kinked.traits
+
+
+@pytest.mark.skipif(compiler.command() is None, reason="no C compiler")
+@pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
+def test_sums_over_sites(ends):
+    """Kinks in summands, of sites, bonds and pairs, against the formula written out."""
+    n, rng = 4, np.random.default_rng(3)
+    pairs = "Sum(Max(1 - Abs(q[i] - q[j]), 0)**2, i < j) + Sum(Mod(q[i] - q[j], 1.3), i < j)"
+    H = f"Sum(p[i]**2/2 + Abs(q[i]), i) + Sum(Max(q[i+1] - q[i] - 1, 0)**2, i) + {pairs}"
+    with pytest.warns(KinkWarning, match="have a kink or jump"):
+        model = ss.model_from_sympy(H, ["0.1*Max(q[k], 0)"], n=n, ends=ends)
+    bonds = [(f"q{i}", f"q{i + 1}") for i in range(1, n)]
+    bonds += {"free": [], "fixed": [("0", "q1"), (f"q{n}", "0")], "periodic": [(f"q{n}", "q1")]}[ends]
+    terms = [f"p{i}**2/2 + Abs(q{i})" for i in range(1, n + 1)] + [f"Max({b} - {a} - 1, 0)**2" for a, b in bonds]
+    for i in range(1, n + 1):
+        between = [f"q{i} - q{j}" for j in range(i + 1, n + 1)]
+        terms += [f"Max(1 - Abs({x}), 0)**2 + Mod({x}, 1.3)" for x in between]
+    other = ss.model_from_sympy("+".join(terms), [f"0.1*Max(q{i}, 0)" for i in range(1, n + 1)])
+    x, y, w = rng.normal(size=(n, 50)), rng.normal(size=(n, 50)), rng.normal(size=(n + 1, 50))
+    for a, b in (
+        (model.value(x, y, w), other.value(x, y, w)),
+        *zip(model.gradient(x, y, w), other.gradient(x, y, w), strict=True),
+        *zip(model.hessian(x, y, w), other.hessian(x, y, w), strict=True),
+    ):
+        np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
+    assert model.kinked == (0, 1) and model.traits.separable and model.traits.identity_mass
+    assert not (model.traits.additive or model.traits.quadratic)
+    run = {"q0": x[:, 0], "p0": y[:, 0], "step": 0.1, "steps": 10, "paths": 3, "scheme": "stormer_verlet"}
+    np.testing.assert_allclose(ss.simulate(model, **run).q, ss.simulate(other, **run).q, rtol=1e-12, atol=1e-13)
+    with pytest.raises(IncompatibleError, match="not differentiable"):
+        ss.gradient(model, "q_1", wrt=["q0"], **run)
+
+
+@pytest.mark.skipif(compiler.command() is None, reason="no C compiler")
+def test_traits_of_sums_with_kinks():
+    """A kink of momenta is no mass, and one that momenta multiply couples them to it."""
+    one, other, ring = (
+        ss.model_from_sympy(H, n=9, ends="fixed").traits
+        for H in (
+            "Sum(Abs(p[i]) + q[i]**2/2, i)",
+            "Sum(p[i]**2/2 + p[i]*sign(q[i]), i)",
+            "Sum(p[i]**2/2 + Max(q[i+1]-q[i], 0)**2, i)",
+        )
+    )
+    assert one.separable and not (one.constant_mass or one.identity_mass)
+    assert not other.separable and not other.identity_mass
+    assert ring.identity_mass and ring.separable and ring.bandwidth == 1
 
 
 @pytest.mark.parametrize(("H", "order"), [("Abs(q)", 1), ("Max(q, 0)**2", 2)])
@@ -155,7 +221,7 @@ def test_orders_across_kinks(H, order, scheme):
 
 
 def test_told_and_refused():
-    """Kinks are told with the orders that hold; noises in q and p, forces, sums over sites and gradients take none."""
+    """Kinks are told with their orders; noises in q and p, forces, functions of sums and gradients take none."""
     with pytest.warns(KinkWarning, match=r"'p\*\*2/2 \+ Abs\(q\)' has a kink or jump: orders of schemes hold on each"):
         model = ss.model_from_sympy("p**2/2 + Abs(q)", ["0.3*q"])
     with warnings.catch_warnings():
@@ -170,14 +236,19 @@ def test_told_and_refused():
     for given, words in (
         ({"H": "p**2/2", "noise": ["Abs(q)", "p"]}, r"'Abs\(q\)' has a kink or jump, and Stratonovich"),
         ({"H": "p**2/2", "force": ["-Abs(p)*p"]}, "which Hamiltonians alone may have"),
-        ({"H": "Sum(p[i]**2/2 + Abs(q[i]), i)", "n": 4}, "Abs in a formula .* outside of sums over sites also"),
+        ({"H": "Sum(p[i]**2/2, i) + Abs(Sum(q[i], i))", "n": 4}, "a kink or jump in a function of sums"),
+        ({"H": "Sum(p[i]**2/2, i) + Sum(Abs(q[i]), i)**2", "n": 4}, "a kink or jump in a function of sums"),
+        ({"H": "Sum(p[i]**2, i)", "noise": ["p[k]*Abs(q[k])"], "n": 4}, "has a kink or jump, and Stratonovich"),
+        ({"H": "Sum(Piecewise((q[i], q[i] > 0)), i)", "n": 4}, r"end Piecewise by \(.., True\)"),
+        ({"H": "p**2/2", "noise": ["p*floor(q)"]}, "has a kink or jump, and Stratonovich"),
         ({"H": "p**2/2 + Piecewise((q, q > 0))"}, r"end Piecewise by \(.., True\)"),
         ({"H": "p**2/2 + Piecewise((q, q == 0), (0, True))"}, "something other than a comparison"),
         ({"H": sp.Symbol("p") ** 2 + sp.Piecewise((1, sp.Eq(sp.Symbol("q"), 0)), (0, True))}, "holds nowhere else"),
         ({"H": "p**2/2 + Piecewise(q, 0)"}, "other than pairs"),
         ({"H": "p**2/2 + atan2(q)"}, "gives atan2 1 arguments: it takes two"),
         ({"H": "p**2/2 + Max()"}, "gives Max 0 arguments"),
-        ({"H": "p**2/2 + Mod(q, 2)"}, "it calls Mod, which is no function here"),
+        ({"H": "p**2/2 + Mod(q)"}, "gives Mod 1 arguments: it takes two"),
+        ({"H": "p**2/2 + Mod(q, 0)"}, "divides by zero"),
     ):
         with pytest.raises(InvalidArgumentError, match=words):
             ss.model_from_sympy(**given)

@@ -64,6 +64,9 @@ class Expressions:
             return f"merge({self.number('1.0')}, {self.number('0.0')}, {compared})"
         if function == "select":
             return f"merge({arguments[1]}, {arguments[2]}, {arguments[0]} > {self.number('0.5')})"
+        if function == "floor":
+            [whole] = [f"aint({x})" for x in arguments]
+            return f"({whole} - merge({self.number('1.0')}, {self.number('0.0')}, {arguments[0]} < {whole}))"
         if function == "pow":
             return f"(({arguments[0]})**({arguments[1]}))"
         return f"{'abs' if function == 'fabs' else function}({', '.join(arguments)})"

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from ..errors import InvalidArgumentError
 from ..model.formulas.emit_c import VECTORS
+from ..model.formulas.graph import OF_ORDER, SCALAR
 from ..model.traits import FLAGS
 from . import sites_in_fortran
 from .expressions import Expressions, called, wrapped
@@ -43,6 +44,10 @@ def source(given: Given, compile_line: str) -> str:
         raise InvalidArgumentError(
             "sums over pairs, over sites of several coordinates, and parameters of sites are exported to C only: say "
             "--to c"
+        )
+    if given.model is not None and (found := called(given, (*SCALAR, *OF_ORDER))):
+        raise InvalidArgumentError(
+            f"the functions of these formulas ({', '.join(found)}) are exported to C only: say --to c"
         )
     lines = [*(f"!> {line}".rstrip() for line in given.title), "!>", f"!>    {compile_line}"]
     if given.model is not None:

@@ -17,6 +17,7 @@ from typing import Any
 
 from ...errors import InvalidArgumentError
 from ...native.files import optional
+from . import kinks
 from .graph import Graph, reachable
 from .named_formulas import Problem, quoted
 from .tails import Tails
@@ -26,28 +27,39 @@ MAX_THIRD = 600  #: most nonzero third derivatives, over all degrees of freedom
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 
-def engine():
-    """The module symengine, or sympy."""
+def engine(*expressions: Any) -> Any:
+    """The module symengine; sympy if it is missing, or for expressions with functions that it does not know."""
+    sympy = optional("sympy", "sympy")
+    strange = (sympy.besselj, sympy.bessely, kinks.step_function())
+    if any(hasattr(e, "has") and e.has(*strange) for e in expressions):
+        return sympy
     try:
         return importlib.import_module("symengine")
     except ImportError:
-        return optional("sympy", "sympy")
+        return sympy
 
 
 class Derivatives:
     """All derivatives of a problem; zero where a derivative vanishes."""
 
     def __init__(
-        self, problem: Problem, vanishing: Container[tuple] = (), *, is_split: bool = False, thirds: bool = False
+        self,
+        problem: Problem,
+        vanishing: Container[tuple] = (),
+        *,
+        is_split: bool = False,
+        thirds: bool = False,
+        folds: bool = False,
     ):
         """Store the problem. vanishing: (j, variables) of derivatives that are zero, in whatever form they are
-        written; thirds: whether third derivatives are wanted where no bracket needs them, too.
+        written; thirds: whether third derivatives are wanted where no bracket needs them, too; folds: whether cases
+        that are all equal become one, by sympy, which takes longer.
         """
         self.problem = problem
         self.is_split = is_split  #: whether kicks stand between flows of a quadratic part of H
         self._vanishing = vanishing
         self.graph = Graph()
-        self._engine = engine()
+        self._engine = optional("sympy", "sympy") if folds else engine(*problem.hamiltonians)
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
         self._third: dict[str, list[int]] | None = None
         self._thirds = thirds

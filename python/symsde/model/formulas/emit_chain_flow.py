@@ -33,7 +33,7 @@ def flows(chain: Chain) -> list[str]:
 def _schemes(chain: Chain) -> list[str]:
     """The schemes whose steps are generated, whatever the number of sites. Noises with second derivatives have to touch
     one site each, for kicks with products of their gradients."""
-    if not has_rows(chain) or not chain.nnoise:
+    if not has_rows(chain) or not chain.nnoise or chain.kinked:
         return []
     terms, made = together(chain, chain.densities)
     if any(made.graph.nodes[x].value == "t" for x in _needed(made) if made.graph.nodes[x].what == "leaf"):

@@ -13,12 +13,14 @@ import numpy as np
 
 from ...errors import InvalidArgumentError, SlowFormulaWarning
 from ...native import callbacks, checks
+from ...native.files import optional
 from ..rates import Rates
 from ..split import KICKS
 from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks, parameters
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
+from .graph import OF_ORDER, SCALAR
 from .named_formulas import MAX_DOF, Problem, make_problem, quoted, several
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
@@ -99,7 +101,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
             rates = _rates.derive(problem, prover, formulas, decaying)
         _refuse_kinks([*(e for row in acting for e in row), *decaying] if acting else decaying)
         structure = prover.structure(by_hand)
-        given = _told_kinks(given, structure, problem.texts)
+        given = _told_scalars(_told_kinks(given, structure, problem.texts), problem)
         nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
         own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
         part = prover.part
@@ -171,12 +173,17 @@ def address(compiled: compiler.Compiled, name: str) -> ctypes.c_void_p:
 def _told_kinks(given: dict[str, Any], structure: Structure, texts: tuple[str, ...]) -> dict[str, Any]:
     """The arguments without whole steps where there are kinks; noises that need a derivative there are refused."""
     if any(structure.kinked) and not structure.position_noise:
-        raise InvalidArgumentError(
-            f"the noise {quoted(texts[max(structure.kinked)])} has a kink or jump, and Stratonovich integrals of "
-            "noises in both q and p need a derivative there: write it smoothly, as tanh(q/0.01) for sign(q), or let "
-            "all noises depend on q alone"
-        )
+        raise InvalidArgumentError(kinks.REFUSED.format(quoted(texts[max(structure.kinked)])))
     return {**given, "steps": False} if structure.kinked else given
+
+
+def _told_scalars(given: dict[str, Any], problem: Problem) -> dict[str, Any]:
+    """The arguments without whole steps where the C library computes functions lane by lane."""
+    names = (*SCALAR, *OF_ORDER)
+    strange = any(
+        type(x).__name__ in names for h in problem.hamiltonians for x in h.atoms(optional("sympy", "sympy").Function)
+    )
+    return {**given, "steps": False} if strange else given
 
 
 def _refuse_kinks(expressions: list[Any]) -> None:

@@ -43,6 +43,12 @@ class FormulaModel(Model):
     _friction: tuple[float, ...] = ()  #: rates of a force that is proved to be linear friction, part of damping
     _by_formula: _rates.Asked | None = None  #: formulas of damping, if there are any
 
+    @property
+    def kinked(self) -> tuple[int, ...]:
+        """Numbers j of the H_j with kinks or jumps in the state."""
+        structure = self.formula.structure
+        return self._chain.kinked if structure is None else structure.kinked
+
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library as for every model; errors about the model name its formulas."""
         try:
@@ -273,12 +279,11 @@ def model_from_sympy(
 
 def _warn_of_kinks(model: FormulaModel) -> None:
     """Say which orders hold where the formulas have kinks."""
-    structure = model.formula.structure
-    if structure is None or not structure.kinked:
+    if not model.kinked:
         return
-    texts = ", ".join(quoted(model.formula.hamiltonians[k]) for k in structure.kinked)
+    texts = ", ".join(quoted(model.formula.hamiltonians[k]) for k in model.kinked)
     checks.warn(
-        f"{texts} {'has' if len(structure.kinked) == 1 else 'have'} a kink or jump: orders of schemes hold on each "
+        f"{texts} {'has' if len(model.kinked) == 1 else 'have'} a kink or jump: orders of schemes hold on each "
         "side. Steps in which the force jumps have errors of order h, and steps in which its slope jumps of order h^2: "
         "across these no scheme has a higher order, and implicit ones may not solve some. The impulse at a jump of H "
         "itself is not seen at all",

@@ -22,7 +22,7 @@ from ...errors import IncompatibleError, InvalidArgumentError
 from ...native import abi, checks
 from ...native.files import optional
 from ..definition import Model
-from . import compiler, sums
+from . import compiler, kinks, sums
 from .derivatives import engine, free
 from .emit_c import MACROS, Loops, lane_functions
 from .graph import Graph
@@ -152,14 +152,15 @@ def _read(
 
     def node_of(graph: Graph, expression: Any) -> int:
         local = {x.name: True for x in expression.free_symbols if x.name not in leaves}
-        return graph.add(read.sympify(free(expression)), {**leaves, **local})
+        return graph.add(engine(expression).sympify(free(expression)), {**leaves, **local})
 
     for name, formula in formulas:
         try:
             has_sums = isinstance(formula, str) and "Sum" in names_in(formula)
             reader = SiteReader(known.known) if has_sums else None
-            expression = known.canonical(formula, reader)
-            for stand_in, body in reader.sums.items() if reader else ():
+            expression = kinks.in_cases(known.canonical(formula, reader))
+            for stand_in, body in ((x, kinks.in_cases(y)) for x, y in reader.sums.items()) if reader else ():
+                kinks.require_cases(body, repr(formula))
                 leaf = known.sympy.Symbol(f"w{len(made.sums)}", real=True)
                 made.sums.append(sums.make_sum(body, ends, count, node_of))
                 expression = expression.xreplace({stand_in: leaf})

@@ -22,6 +22,10 @@ FUNCTIONS = (
     *("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh"),
     *("asin", "acos", "atan", "asinh", "acosh", "atanh", "sech", "csch", "coth", "erf", "erfc"),
 )
+#: functions that the C library computes lane by lane; Bessel functions and polygamma of a whole order come first
+SCALAR = ("gamma", "loggamma")
+OF_ORDER = ("besselj", "bessely", "polygamma")
+MAX_ORDER = 40  #: of Bessel functions, whose derivatives are of orders nearby
 INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas are rewritten in: log(1 + x), exp(-x^2), log(cosh(x))
 MAX_OPERATIONS = 12_000
 
@@ -179,14 +183,18 @@ class Graph:
 
     def _called(self, e: Any, kind: str, leaves: dict[str, bool]) -> int:
         """A function."""
-        if kind in FUNCTIONS or kind == "atan2":
+        if kind in FUNCTIONS or kind in SCALAR or kind == "atan2":
             return self.node(kind, *(self.add(x, leaves) for x in e.args))
+        if kind == "Step":
+            return self.node("floor", self.add(e.args[0], leaves))
+        if kind in OF_ORDER:
+            return self.node(kind, self.add(e.args[1], leaves), value=_order(kind, e.args[0]))
         name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # a sympy function unknown to symengine
         raise InvalidArgumentError(
             f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
-            + ", ".join((*FUNCTIONS, "atan2"))
-            + "; outside of sums over sites also "
-            + ", ".join((*kinks.REWRITTEN, *kinks.ONE, *kinks.MANY, "Piecewise"))
+            + ", ".join((*FUNCTIONS, "atan2", *SCALAR, *OF_ORDER[:2]))
+            + ", "
+            + ", ".join((*kinks.REWRITTEN, *kinks.ONE, *kinks.MANY, "Mod", "Piecewise"))
         )
 
     def _cases(self, e: Any, leaves: dict[str, bool]) -> int:
@@ -267,6 +275,17 @@ def constant(e: Any) -> float:
             f"the constant {e!s:.40} in a formula is not a finite real number: formulas are real"
         )
     return value
+
+
+def _order(kind: str, given: Any) -> int:
+    """The order of a function, a small whole number."""
+    most = 3 if kind == "polygamma" else MAX_ORDER
+    if not getattr(given, "is_Integer", False) or not 0 <= int(given) <= most:
+        name = "derivatives of gamma" if kind == "polygamma" else kind
+        raise InvalidArgumentError(
+            f"{name} of order {given!s:.40} in a formula has no code here: orders are whole numbers from 0 to {most}"
+        )
+    return int(given)
 
 
 def _negative(exponent) -> bool:

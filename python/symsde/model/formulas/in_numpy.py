@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...native.files import optional
 from .derivatives import Derivatives
 from .emit_c import reachable
 from .graph import Graph
@@ -21,6 +22,8 @@ SENTENCE = (
 
 
 LOG_2 = math.log(2)
+#: functions of scipy.special
+SPECIAL = {"gamma": "gamma", "loggamma": "gammaln", "polygamma": "polygamma", "besselj": "jv", "bessely": "yv"}
 
 
 def gauss(x: Any) -> Any:
@@ -43,6 +46,7 @@ _OPERATIONS: dict[str, Callable] = {
     "upto": lambda a, b: np.where(a <= b, 1.0, 0.0),
     "select": lambda chosen, a, b: np.where(chosen > 0.5, a, b),
     "fabs": np.abs,
+    "floor": np.floor,
     "erf": np.vectorize(math.erf, otypes=[float]),
     "erfc": np.vectorize(math.erfc, otypes=[float]),
     "log1p": np.log1p,
@@ -58,6 +62,16 @@ _OPERATIONS: dict[str, Callable] = {
     **{name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh")},
     **{f"a{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
 }
+
+
+def _operation(what: str) -> Callable:
+    """The function of NumPy, or of scipy for those that NumPy lacks."""
+    if what not in SPECIAL:
+        return _OPERATIONS[what]
+    function = getattr(optional("scipy.special", "fit"), SPECIAL[what])
+    if what not in ("loggamma", "bessely"):
+        return function
+    return lambda *given: np.where(given[-1] > 0, function(*given), np.nan)
 
 
 class InNumpy:
@@ -126,5 +140,6 @@ def values_of(graph: Graph, roots: Sequence[int], given: Mapping[str, Any], lane
             elif node.what == "leaf":
                 found[x] = given[node.value]
             else:
-                found[x] = _OPERATIONS[node.what](*(np.float64(found[a]) for a in node.arguments))
+                order = () if node.value is None else (node.value,)
+                found[x] = _operation(node.what)(*order, *(np.float64(found[a]) for a in node.arguments))
     return np.array([np.broadcast_to(found[x], (lanes,)) for x in roots])

@@ -473,3 +473,65 @@ LANE double lane_pow(double x, double y, const int far, int64_t *beyond) {
    const double tail = (low - (r - rest)) * 6.93147180559945286227e-01 + r * -1.90465429995776804525e-09;
    return exp_of(shifted, r * 6.93147182464599609375e-01 + tail);
 }
+
+/* ---- functions that the C library computes for one lane after the other ---- */
+
+double lgamma_r(double, int *);
+double jn(int, double);
+double yn(int, double);
+
+static inline double plain_gamma(double x) {
+   return tgamma(x);
+}
+
+/* log(gamma(x)) for x > 0; elsewhere it is not real */
+static inline double plain_loggamma(double x) {
+   int sign;
+   return x > 0 ? lgamma_r(x, &sign) : NAN;
+}
+
+static inline double plain_besselj(int order, double x) {
+   return jn(order, x);
+}
+
+static inline double plain_bessely(int order, double x) {
+   return x > 0 ? yn(order, x) : NAN;
+}
+
+/* The derivative of order 0 .. 3 of gamma'/gamma: from 16 on by its asymptotic series, below by recurrence, and below
+ * 1/2 by its reflection. */
+static inline double plain_polygamma(int order, double x) {
+   const double pi = 3.141592653589793, flip = order % 2 ? 1 : -1;
+   const double factorial = order == 3 ? 6 : order == 2 ? 2 : 1;
+   if (x < 0.5) {
+      const double c = 1 / tan(pi * x), more = 1 + c * c;
+      const double slope = order == 0   ? c
+                           : order == 1 ? -pi * more
+                           : order == 2 ? 2 * pi * pi * c * more
+                                        : -2 * pi * pi * pi * more * (1 + 3 * c * c);
+      return -flip * plain_polygamma(order, 1 - x) - pi * slope;
+   }
+   double y = x, sum = 0;
+   for (; y < 16; y++)
+      sum += factorial / (order == 0 ? y : order == 1 ? y * y : order == 2 ? y * y * y : y * y * y * y);
+   /* Bernoulli numbers B_2 .. B_16 */
+   static const double bernoulli[] = {1 / 6.0,  -1 / 30.0,       1 / 42.0, -1 / 30.0,
+                                      5 / 66.0, -691 / 2730.0, 7 / 6.0,  -3617 / 510.0};
+   const double z = 1 / (y * y);
+   double power = z, tail = 0; /* sum of B_2j (2j + order - 1)!/(2j)! y^-2j */
+   for (int j = 1; j <= 8; j++, power *= z) {
+      double rising = 1;
+      for (int k = 1; k < order; k++)
+         rising *= 2 * j + k;
+      tail += bernoulli[j - 1] * power * (order == 0 ? 1 / (2.0 * j) : rising);
+   }
+   if (order == 0)
+      return log(y) - 0.5 / y - tail - sum;
+   double scale = 1 / y;
+   for (int k = 1; k < order; k++)
+      scale *= k / y; /* (order - 1)!/y^order */
+   double root = 1;
+   for (int k = 0; k < order; k++)
+      root /= y;
+   return flip * (scale + 0.5 * factorial * root / y + tail * root + sum);
+}

@@ -21,7 +21,7 @@ from ...errors import InvalidArgumentError
 from ...native import checks
 from ...native.files import optional
 from . import kinks
-from .graph import FUNCTIONS
+from .graph import FUNCTIONS, MAX_ORDER, OF_ORDER, SCALAR
 
 MAX_CHARACTERS = 20_000
 MAX_NODES = 4_000
@@ -32,12 +32,14 @@ MAX_FACTORS = 20  #: most factors of one product: the cost of its second derivat
 _ADDITIVE, _MULTIPLICATIVE = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 _WORD, _HIDDEN = re.compile(rf"\b(?:{'|'.join(keyword.kwlist)})\b"), "word_of_python_"
 _CONSTANTS = {
+    "loggamma": math.lgamma,
     "sech": lambda x: 1 / math.cosh(x),
     "csch": lambda x: 1 / math.sinh(x),
     "coth": lambda x: 1 / math.tanh(x),
 }
-_ONE = (*FUNCTIONS, *kinks.REWRITTEN, *kinks.ONE)
-_SEVERAL = ("atan2", *kinks.MANY)
+_ONE = (*FUNCTIONS, *SCALAR, *kinks.REWRITTEN, *kinks.ONE)
+_TWO = ("atan2", "Mod", *OF_ORDER[:2])
+_SEVERAL = (*_TWO, *kinks.MANY)
 _ALL = (*_ONE, *_SEVERAL, "Piecewise")
 _COMPARED = {ast.Lt: "Lt", ast.LtE: "Le", ast.Gt: "Gt", ast.GtE: "Ge"}
 _JOINED = {ast.BitAnd: "And", ast.BitOr: "Or"}
@@ -246,7 +248,7 @@ class Reader:
         if len(node.args) != 1 or node.keywords:
             raise FormulaTextError(f"it gives {name} {len(node.args) + len(node.keywords)} arguments: it takes one")
         argument = self.read(node.args[0], depth + 1)
-        if not argument.is_number or name not in FUNCTIONS:
+        if not argument.is_number or (name not in FUNCTIONS and name not in SCALAR):
             return getattr(self.sympy, name)(argument)
         try:
             return self._float(_CONSTANTS.get(name, getattr(math, name, None))(self._real(argument)))
@@ -254,12 +256,22 @@ class Reader:
             raise FormulaTextError(f"it holds {name} of a constant, which is not a finite real number") from None
 
     def _of_several(self, name: str, node: ast.Call, depth: int) -> Any:
-        """atan2, Min and Max."""
+        """Functions of two arguments, Min and Max."""
         count = len(node.args)
-        if node.keywords or (count != 2 if name == "atan2" else not 1 <= count <= MAX_FACTORS):
-            allowed = "two" if name == "atan2" else f"1 to {MAX_FACTORS}"
+        if node.keywords or (count != 2 if name in _TWO else not 1 <= count <= MAX_FACTORS):
+            allowed = "two" if name in _TWO else f"1 to {MAX_FACTORS}"
             raise FormulaTextError(f"it gives {name} {count + len(node.keywords)} arguments: it takes {allowed}")
-        return getattr(self.sympy, name)(*(self.read(x, depth + 1) for x in node.args))
+        given = [self.read(x, depth + 1) for x in node.args]
+        if name in OF_ORDER and not (given[0].is_Integer and 0 <= given[0] <= MAX_ORDER - 3):
+            raise FormulaTextError(
+                f"it holds {name} of an order that is no whole number from 0 to {MAX_ORDER - 3}: write {name}(0, q)"
+            )
+        if name == "Mod" and given[1] == 0:
+            raise FormulaTextError("it holds Mod(.., 0), which divides by zero")
+        made = getattr(self.sympy, name)(*given)
+        if made.has(self.sympy.nan, self.sympy.oo, self.sympy.zoo, self.sympy.I):
+            raise FormulaTextError(f"it holds {name} of constants, which is not a finite real number")
+        return made
 
     def _cases(self, node: ast.Call, depth: int) -> Any:
         """Piecewise((value, condition), .., (value, True))."""

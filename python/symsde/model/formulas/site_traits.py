@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from . import kinks
+
 if TYPE_CHECKING:
     from .collective import Outer
     from .sites import Density
@@ -36,16 +38,18 @@ def traits_of(densities: list[Density], outer: Outer | None, shape: tuple[int, i
     plain = [d for d in densities if not d.inner]
     drift = [d for d in plain if d.weight.is_drift]
     noises = [d for d in plain if not d.weight.is_drift]
+    kinked = [names for d in densities for names in _kinked(d)]
     identity, constant, diagonal = _mass([d for d in drift if any(x != 0 for x in _slopes(d, "p"))], size)
     places = [[row.offset * size + row.component for row in d.rows] for d in densities]
     reach = max(max(x) - min(x) for x in places)
     if any(d.is_pair for d in densities):
         reach = count * size
     traits = {
-        "separable": _all_zero(densities, "qp"),
-        "additive": _all_zero(noises, "qq", "qp", "pp"),
+        "separable": _all_zero(densities, "qp") and not any({x[0] for x in names} >= {*"qp"} for names in kinked),
+        "additive": _all_zero(noises, "qq", "qp", "pp") and not any(_kinked(d) for d in noises),
         "position_noise": all(x == 0 for d in noises for x in _slopes(d, "p")),
-        "quadratic": all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
+        "quadratic": not kinked
+        and all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
         "identity_mass": identity,
         "constant_mass": constant,
         "diagonal_mass": diagonal,
@@ -58,9 +62,16 @@ def traits_of(densities: list[Density], outer: Outer | None, shape: tuple[int, i
     )
 
 
+def _kinked(d: Density) -> list[set[str]]:
+    """Names of the coordinates and momenta that meet at each kink of a density."""
+    return [names for h in d.derivatives.problem.hamiltonians for names in kinks.moving(h)]
+
+
 def _mass(kinetic: list[Density], size: int) -> tuple[bool, bool, bool]:
     """Whether H = p.p/2 + U(q); else whether H = p.M p/2 + U(q) with a matrix M of constants, and a diagonal one."""
     if any(d.is_pair or any(d.offsets) for d in kinetic) or not _all_zero(kinetic, "qp") or not kinetic:
+        return False, False, False
+    if any(x[0] == "p" for d in kinetic for names in _kinked(d) for x in names):
         return False, False, False
     mass: dict[tuple[int, int], Any] = {}
     for d in kinetic:

@@ -25,7 +25,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, WrongShapeError
 from ...native import checks
 from ...native.files import optional
-from . import actions
+from . import actions, kinks
 from .collective import Outer, make_outer, split
 from .derivatives import Derivatives
 from .named_formulas import Names, Problem, quoted
@@ -125,6 +125,7 @@ class Chain:
     outer: Outer | None  #: functions of sums
     texts: tuple[str, ...]
     parameters: dict[str, float]
+    kinked: tuple[int, ...]  #: numbers of the formulas with kinks or jumps in the state
     traits: dict[str, Any]
     part: actions.Part | None  #: the quadratic part of H between kicks by functions of the actions
 
@@ -171,10 +172,11 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     for text in texts:
         if not isinstance(text, str):
             raise InvalidArgumentError(f"{checks.shown(text)} is no text: sums over sites are written as text")
-    densities, weight, inner, functions = [], Number(), {}, []
+    densities, weight, inner, functions, kinked = [], Number(), {}, [], []
     for j, text in enumerate(texts):
         try:
             family, bodies, rest, sums = _bodies(text, (names.known, components, arrays), is_noise=j > 0)
+            kinked += [j] if any(kinks.moving(x) for x in bodies) else []
             for body in bodies if family else [part for whole in bodies for part in _apart(whole, ends)]:
                 densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
@@ -202,10 +204,13 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
         outer=outer,
         texts=tuple(texts),
         parameters=names.values,
+        kinked=tuple(kinked),
         traits=traits | {"touches": touches_of(densities, outer, weight.of(count) - 1, (count, size))},
         part=None,
     )
-    part = actions.of_sites(densities, count) if chain.is_line and not kicked else None
+    if any(kinked) and not traits["position_noise"]:
+        raise InvalidArgumentError(kinks.REFUSED.format(quoted(texts[max(kinked)])))
+    part = actions.of_sites(densities, count) if chain.is_line and not (kicked or kinked) else None
     if part and (split := part.at(list(names.values.values()))):
         traits = {**chain.traits, "split": split, "kicks": part.kicks}
         return replace(chain, part=part, traits=traits)
@@ -283,12 +288,24 @@ def _bodies(
         if family:
             if not rows_of(total):
                 raise FormulaTextError("it holds no coordinate of its site: one noise for each site is written as q[k]")
-            return True, [total], reader.sympy.Integer(0), {}
+            return True, [_in_cases(total, text)], reader.sympy.Integer(0), {}
         if not reader.sums:
             raise FormulaTextError("it holds no Sum(.., i): with n sites, write sums over them")
         factors, rest = split(total, list(reader.sums))
-        return False, [factor * reader.sums[x] for x, factor in factors.items()], rest, reader.sums
+        sums = {x: _in_cases(body, text) for x, body in reader.sums.items()}
+        if _in_cases(rest, text).has(*kinks.kinds()) or any(kinks.moving(sums[x]) for x in rest.free_symbols & {*sums}):
+            raise FormulaTextError(
+                "it holds a kink or jump in a function of sums: kinks may stand in summands alone, or write it smoothly"
+            )
+        return False, [factor * sums[x] for x, factor in factors.items()], rest, sums
     raise AssertionError
+
+
+def _in_cases(e: Any, text: str) -> Any:
+    """The expression with its kinks as cases."""
+    e = kinks.in_cases(e)
+    kinks.require_cases(e, quoted(text))
+    return e
 
 
 def _apart(body: Any, ends: str) -> list[Any]:
@@ -402,6 +419,7 @@ def _derived(expressions: Sequence[Any], whose: _Whose, first: Place, last: Plac
     places = {x: sympy.Symbol(name, real=True) for x, name in places.items()}
     renamed = tuple(e.xreplace(places) for e in expressions)
     parameters = whose.parameters | {f"{k} of a site": 0.0 for k in range(len(given))}
-    made = Derivatives(Problem(renamed, (), (whose.text,), len(rows), parameters))
+    kinked = any(e.has(sympy.Piecewise) for e in renamed)
+    made = Derivatives(Problem(renamed, (), (whose.text,), len(rows), parameters), folds=kinked)
     weight, family = whose.weight, whose.family
     return Density(weight, family, first, last, tuple(rows), made, given=tuple(given), **more)

@@ -22,6 +22,7 @@ from ...native.files import optional
 from ..split import KICKS, Split
 from ..traits import FLAGS
 from . import actions, kinks, quadratic
+from .graph import OF_ORDER, SCALAR
 from .named_formulas import Problem
 
 MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
@@ -95,16 +96,22 @@ def _value(e: Any, at: Mapping[Any, float]) -> complex:
 
 def _applied(e: Any, parts: list[complex]) -> complex:
     """The operation of an expression on its arguments."""
-    if e.is_Add:
-        return sum(parts)
-    if e.is_Mul:
-        return math.prod(parts)
-    name = type(e).__name__
+    if e.is_Add or e.is_Mul:
+        return sum(parts) if e.is_Add else math.prod(parts)
+    return parts[0] ** parts[1] if e.is_Pow else _called(e, type(e).__name__, parts)
+
+
+def _called(e: Any, name: str, parts: list[complex]) -> complex:
+    """A function of its arguments."""
     if name == "atan2":
         return cmath.phase(complex(parts[1].real, parts[0].real))
     if name in _INVERSE:
         return 1 / getattr(cmath, _INVERSE[name])(*parts)
-    return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, name)(*parts)
+    if name == "Step":
+        return complex(math.floor(parts[0].real))
+    if name in (*SCALAR, *OF_ORDER):
+        return complex(e.func(*(x if x.is_Integer else y.real for x, y in zip(e.args, parts, strict=True))).evalf())
+    return getattr(cmath, name)(*parts)
 
 
 def _function(e: Any, at: Mapping[Any, float], parameters: list) -> Callable[[list], complex]:

@@ -42,8 +42,7 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
     go by path, and the names of these positions. Only Hessians and derivatives of forces of the wide model are asked
     for, and third derivatives if `thirds`; momenta of parameters stay zero.
     """
-    structure = model.formula.structure if isinstance(model, FormulaModel) else None
-    if structure is not None and structure.kinked:
+    if isinstance(model, FormulaModel) and model.kinked:
         raise IncompatibleError(
             f"a formula of model {model.name} has a kink or jump, where a step is not differentiable, and means of its "
             "derivatives are no derivatives of means: write it smoothly, as sqrt(q**2 + 0.01**2) for Abs(q)"
