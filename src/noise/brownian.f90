@@ -24,29 +24,26 @@ module symsde_noise_brownian
    use symsde_base_functionals, only: nfunctional, path_areas
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: padded, lane_unit
+   use symsde_base_lanes, only: lane_unit
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_record, only: step_request, step_store
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
    use symsde_base_text, only: to_text
    use symsde_noise_contract, only: require_request, require_filled
    use symsde_noise_discrete, only: discrete_pairs
+   use symsde_noise_few_paths, only: are_few, draw_few
    use symsde_noise_functionals, only: path_interval, clip_increments, clip_interval
    use symsde_noise_integral_draws, only: integral_draws, fill_direct
    use symsde_noise_integrals, only: fill_pair
    use symsde_noise_levels, only: normals_of, sum_finer, halve_coarser, carry
-   use symsde_noise_normal, only: normal_stream, scaled_normal_steps, scaled_normals_at, pairs_of_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_steps, pairs_of_steps
    use symsde_noise_philox, only: purpose_increment
    use symsde_noise_source, only: noise_type
    implicit none
    private
    public :: brownian_noise, new_brownian_noise
 
-   ! These numbers of lanes bound arrays on the stack. If the draws of few paths need more than most_ahead lanes, lanes
-   ! of the generator are paths.
    integer, parameter, public :: max_refine = 30  !! largest |refine|
-   integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
-   integer, parameter :: most_at_once = 256  !! lanes of the generator for several noises of few paths
 
    !> A source is immutable: all threads fill their stores from the same source.
    type, extends(noise_type) :: brownian_noise
@@ -181,8 +178,7 @@ contains
       logical :: few
       integer :: k
 
-      ! `few` is true if the draws of all real paths for one noise fit into the lanes of the generator.
-      few = nreal*((npair + 1)/2) <= most_ahead
+      few = are_few(nreal, npair)
       do k = 1, self%nnoise
          if (self%silent(k)) then
             w(:, k, :) = 0
@@ -192,7 +188,8 @@ contains
             drawn = drawn + 2*npair
          end if
       end do
-      if (few) call fill_few(self, nlane, nreal, path, pair, npair, w)
+      if (few) call draw_few(normal_stream(self%seed, 0, 0, purpose_increment, sqrt(self%h)), self%silent, &
+                             self%common, self%bound, nlane, nreal, path, pair, npair, self%nnoise + 1, w(1, 1, 0))
    end subroutine fill_ahead
 
    !> Noise k for whole blocks: the lanes of the generator are the paths, and the normals are written directly into w,
@@ -217,108 +214,6 @@ contains
       end do
    end subroutine fill_many
 
-   !> Few paths: a lane of the generator is a path and a draw, for as many noises at once as lanes allow. Lane j nreal +
-   !> i of a noise is draw pair/2 + j of path i; the lanes of the next noise follow.
-   subroutine fill_few(self, nlane, nreal, path, pair, npair, w)
-      class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane, nreal, npair
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
-      integer(i8), dimension(most_at_once) :: paths, draws
-      integer(i8), dimension(most_ahead) :: path_of, draw_of
-      integer :: noises(most_at_once)
-      real(wp) :: x(most_at_once*4)
-      integer :: n, m, used, k, i, j
-
-      ! n lanes of the generator for each noise.
-      n = nreal*((npair + 1)/2)
-      do j = 0, (npair - 1)/2
-         !GCC$ novector  ! paths are few, and often one
-         do i = 1, nreal
-            ! First all paths of one draw, then all paths of the next.
-            path_of(j*nreal + i) = path(i)
-            draw_of(j*nreal + i) = pair/2 + j
-         end do
-      end do
-      ! k is the last noise that has been packed. The inner loop packs noises until another one would not fit.
-      k = 0
-      do while (k < self%nnoise)
-         used = 0
-         do while (k < self%nnoise .and. used + n <= most_at_once)
-            k = k + 1
-            if (self%silent(k)) cycle
-            do i = 1, n
-               paths(used + i) = merge(0_i8, path_of(i), self%common(k))
-               draws(used + i) = draw_of(i)
-               ! Lanes differ in path, draw and noise.
-               noises(used + i) = k
-            end do
-            used = used + n
-         end do
-         ! All of these noises were silent.
-         if (used == 0) cycle
-         m = padded(used)  ! a full vector: padding repeats the last lane
-         paths(used + 1:m) = paths(used)
-         draws(used + 1:m) = draws(used)
-         noises(used + 1:m) = noises(used)
-         ! The stream's own noise is not used: every lane names its own.
-         call scaled_normals_at(m, normal_stream(self%seed, 0, 0, purpose_increment, sqrt(self%h)), paths, draws, &
-                                noises, x)
-         ! Truncate before spreading, in one pass over the numbers of all noises.
-         if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
-         ! Noise after noise, each with its n lanes, from column 0 .. 3 of x to its steps.
-         do i = 0, used - 1, n
-            call spread_few(nlane, nreal, self%nnoise, noises(i + 1), npair, i, m, x, w)
-         end do
-      end do
-   end subroutine fill_few
-
-   !> Write the increments of one noise to their steps: column i of x holds the steps 4j + i of draw j, behind the
-   !> `before` lanes of other noises. Padding of the block repeats the last path. In w neighbouring steps of a noise are
-   !> nlane (nnoise + 1) numbers apart.
-   pure subroutine spread_few(nlane, nreal, nnoise, k, npair, before, m, x, w)
-      integer, intent(in) :: nlane, nreal, nnoise, k, npair, before, m
-      real(wp), intent(in) :: x(m, 0:3)
-      real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)
-      integer :: draw, lane, step
-
-      if (nlane == 1) then
-         call spread_alone(nnoise, k, npair, before, m, x, w)
-         return
-      end if
-      do step = 0, 2*npair - 1
-         ! Lanes of earlier draws; one draw holds four steps of each path.
-         draw = before + (step/4)*nreal
-         do lane = 1, nreal
-            w(lane, k, step) = x(draw + lane, mod(step, 4))
-         end do
-         do lane = nreal + 1, nlane
-            w(lane, k, step) = x(draw + nreal, mod(step, 4))
-         end do
-      end do
-   end subroutine spread_few
-
-   !> spread_few for a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last
-   !> draw.
-   pure subroutine spread_alone(nnoise, k, npair, before, m, x, w)
-      integer, intent(in) :: nnoise, k, npair, before, m
-      real(wp), intent(in) :: x(m, 0:3)
-      real(wp), intent(inout) :: w(0:nnoise, 0:2*npair - 1)
-      integer :: draw, i
-
-      do draw = 0, npair/2 - 1
-         !GCC$ unroll 4
-         do i = 0, 3
-            ! A lane for each draw of the one path.
-            w(k, 4*draw + i) = x(before + 1 + draw, i)
-         end do
-      end do
-      if (mod(npair, 2) == 0) return
-      ! The last draw gives four steps, of which two are used.
-      w(k, 2*npair - 2) = x(before + 1 + npair/2, 0)
-      w(k, 2*npair - 1) = x(before + 1 + npair/2, 1)
-   end subroutine spread_alone
-
    !> Fill increments and functionals of the path, step by step in the arrays of noise/integrals, which are then
    !> copied into the store.
    subroutine fill_functionals(self, request, store, drawn, interrupt)
@@ -336,6 +231,11 @@ contains
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
       if (present(interrupt)) draws%interrupt => interrupt
+      ! Without truncation dZ and K are written into the store directly, as dW is.
+      if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
+         call fill_direct(draws, request, store, drawn)
+         return
+      end if
       ! Path by path, each with all its steps as lanes. At refine < 0 steps are halves of longer intervals, so the
       ! lanes are counted from the first pair of the interval that holds the first step.
       if (looks_ahead(self, request)) then
@@ -348,11 +248,6 @@ contains
          ! `drawn` counts the normals of one path.
          drawn = drawn + of_path
          call repeat_last(self, request, store)
-         return
-      end if
-      ! Without truncation dZ and K are written into the store directly, as dW is.
-      if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
-         call fill_direct(draws, request, store, drawn)
          return
       end if
       do i = 0, 2*request%npair - 1

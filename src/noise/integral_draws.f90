@@ -22,6 +22,7 @@ module symsde_noise_integral_draws
    use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian
    use symsde_base_record, only: step_request, step_store
+   use symsde_noise_few_paths, only: are_few, draw_few
    use symsde_noise_normal, only: normal_stream, &
                                   scaled_normal_pairs, scaled_normal_column, scaled_normals_at, scaled_pairs_at, &
                                   pairs_of_steps
@@ -109,18 +110,20 @@ contains
       integer(i8), intent(inout) :: drawn
       integer(i8) :: from(request%nlane)
       integer :: k, j, step, n
+      logical :: few
       real(wp) :: root
 
       ! Standard deviations as at the head of this file; |h|, since a step back in time has the same law.
       root = sqrt(abs(d%h))
       associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
+         few = are_few(request%nreal, request%npair)
+         if (few) then
+            call draw_beside(purpose_increment, root, m + 1, w(1, 1, 0))
+            call draw_beside(purpose_shape, sqrt(abs(d%h)/12), m, dz%x(1, 1, 0))
+            if (allocated(stt_area%x)) call draw_beside(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, 1, 0))
+         end if
          do k = 1, m
-            if (d%silent(k)) then
-               w(:, k, :) = 0
-               dz%x(:, k, :) = 0
-               if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
-               cycle
-            end if
+            if (few .or. d%silent(k)) cycle
             ! A noise that all paths share is drawn for path 0 in every lane.
             from = merge(0_i8, request%path, d%common(k))
             do j = 0, request%npair - 1, pairs_of_steps
@@ -132,14 +135,32 @@ contains
                if (allocated(stt_area%x)) &
                   call draw_column(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, k, 2*j))
             end do
-            do step = 0, 2*request%npair - 1
-               ! dZ comes last, since H is drawn for several steps in one pass.
-               call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
-            end do
+         end do
+         do step = 0, 2*request%npair - 1
+            ! dZ comes last, since H is drawn for several steps in one pass.
+            call dz_of_shape(request%nlane*m, d%h, w(1, 1, step), dz%x(1, 1, step))
+         end do
+         do k = 1, m
+            if (.not. d%silent(k)) cycle
+            w(:, k, :) = 0
+            dz%x(:, k, :) = 0
+            if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
          end do
       end associate
 
    contains
+
+      !> Draw one functional of all noises in all steps of few paths, N(0, scale^2) into x.
+      subroutine draw_beside(purpose, scale, ncolumn, x)
+         integer, intent(in) :: purpose, ncolumn
+         real(wp), intent(in) :: scale
+         !> Begins with the column of the first noise.
+         real(wp), intent(inout) :: x(request%nlane*(ncolumn*(2*request%npair - 1) + d%nnoise))
+
+         call draw_few(normal_stream(d%seed, 0, 0, purpose, scale), d%silent, d%common, huge(1.0_wp), request%nlane, &
+                       request%nreal, request%path, request%pair, request%npair, ncolumn, x)
+         drawn = drawn + 2*request%npair*count(.not. d%silent)
+      end subroutine draw_beside
 
       !> Draw one functional of noise k in n pairs of steps: N(0, scale^2) into every ncolumn-th column of x, which
       !> begins with the column of this noise in the first of these steps.
@@ -155,15 +176,15 @@ contains
 
    end subroutine fill_direct
 
-   !> dZ = h (dW/2 + H) of every lane, in the place of H; h has its sign.
-   pure subroutine dz_of_shape(nlane, h, w, z)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: h, w(nlane)
-      real(wp), intent(inout) :: z(nlane)
-      integer :: lane
+   !> dZ = h (dW/2 + H) of n lanes and noises, in the place of H; h has its sign.
+   pure subroutine dz_of_shape(n, h, w, z)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, w(n)
+      real(wp), intent(inout) :: z(n)
+      integer :: i
 
-      do lane = 1, nlane
-         z(lane) = h*(0.5_wp*w(lane) + z(lane))
+      do i = 1, n
+         z(i) = h*(0.5_wp*w(i) + z(i))
       end do
    end subroutine dz_of_shape
 

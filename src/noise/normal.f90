@@ -188,20 +188,28 @@ contains
       integer(i4), intent(in) :: noise(nlane)
       real(wp), intent(out) :: x(nlane, 0:3)
       type(normal_stream) :: own
-      integer(i8) :: words(nlane, 4)
-      integer(i4) :: j, lane
+      integer(i8) :: words(4*philox_tile)
+      integer(i4) :: first, n, j, lane, radius, angle
       logical :: tails
 
-      call philox_lanes_at(nlane, of%seed, path, draw, noise, of%level, of%purpose, words)
-      do j = 0, 2, 2
-         call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), of%scale, x(1, j), x(1, j + 1), tails)
-         if (.not. tails) cycle
-         ! Each lane may have another noise, so tails are handled lane by lane.
-         do lane = 1, nlane
-            own = of
-            own%noise = noise(lane)
-            call mend_tails(1, own, path(lane), draw(lane), j + 1, words(lane, j + 1), words(lane, j + 2), x(lane, j), &
-                            x(lane, j + 1))
+      do first = 1, nlane, philox_tile
+         n = min(philox_tile, nlane - first + 1)
+         call philox_lanes_at(n, of%seed, path(first), draw(first), noise(first), of%level, of%purpose, words)
+         do j = 0, 2, 2
+            radius = j*n
+            angle = radius + n
+            call normal_pair_lanes(n, words(radius + 1), words(angle + 1), of%scale, x(first, j), x(first, j + 1), &
+                                   tails)
+            if (.not. tails) cycle
+            ! Each lane may have another noise, so tails are handled lane by lane.
+            do lane = first, first + n - 1
+               own = of
+               own%noise = noise(lane)
+               associate (i => lane - first + 1)
+                  call mend_tails(1, own, path(lane), draw(lane), j + 1, words(radius + i), words(angle + i), &
+                                  x(lane, j), x(lane, j + 1))
+               end associate
+            end do
          end do
       end do
    end subroutine scaled_normals_at

@@ -4,7 +4,7 @@ static void STEP_strip(const int lanes, const int nstep, const double *restrict 
                        const double *restrict law, LANE_IN, double *restrict x) {
    enum { FEW = 64, ROWS = STEP_WIDTH * NHAM, MOST = STRIP * GROUP > FEW ? STRIP * GROUP : FEW };
    double u[ROWS * MOST], other[STEP_ROWS * STRIP];
-   const ptrdiff_t m = lanes == 1 ? 1 : STRIP;
+   const ptrdiff_t m = lanes; /* rows of weights beside each other stay in cache */
    double *from = x, *to = MAY_BE_FAR ? other : x;
    for (int step = 0; step < nstep;) {
       const int left = nstep - step, some = lanes == 1 ? (left < FEW ? left : FEW) : left >= GROUP ? GROUP : 1;
