@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Statements of docs/beside.md about symsde, on points where packages differ; the page names each of these tests.
 
-False alarms: the two tests of random numbers allow five standard errors, 6e-7 for each number.
+False alarms: the three tests of random numbers allow five standard errors, 6e-7 for each number.
 """
 
 import re
@@ -51,6 +51,21 @@ def test_the_seed_alone_chooses_the_noise():
     np.random.seed(2)
     ss.simulate(RING, **RUN | {"seed": 4})
     assert same(ss.simulate(RING, **RUN), first) and not same(ss.simulate(RING, **RUN | {"seed": 4}), first)
+
+
+def test_neighbouring_seeds_are_unrelated():
+    """First increments of seeds 0, 1, 2, .. have variance 1 and no correlation with those of the next seed; each of
+    the 64 bits of a seed counts."""
+    model, count, paths = kicked(), 300, 100
+
+    def first(seed):
+        return ss.simulate(model, q0=0.0, p0=0.0, step=1.0, steps=1, paths=paths, seed=seed).p[1, 0]
+
+    z = np.array([first(seed) for seed in range(count)])
+    assert abs((z**2).mean() - 1) < 5 * np.sqrt(2 / z.size)
+    assert abs((z[1:] * z[:-1]).mean()) < 5 / np.sqrt(z[1:].size)
+    assert abs(z.mean(axis=1).var() * paths - 1) < 5 * np.sqrt(2 / count)
+    assert len({first(5 ^ 2**bit if bit < 64 else 5)[0] for bit in range(65)}) == 65
 
 
 def test_the_first_kick_is_whole():
