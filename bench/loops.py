@@ -60,6 +60,31 @@ def _of_numbers(step_of, m, keep):
     return run
 
 
+def loop_by_path(scene, scheme):
+    """The loop `run(generator, q0, p0, step, steps, strengths)` whose first noise is stronger by a factor by path; it
+    keeps the last states.
+    """
+    s = scene.functions(compiled=_inlined)
+    step_of, m = (_linear_midpoint if s.linear else _midpoint)(s) if scheme == "midpoint" else _verlet(s), scene.nnoise
+
+    @numba.njit
+    def run(generator, q0, p0, step, steps, strengths):
+        root, last = math.sqrt(step), np.empty((2, len(strengths)))
+        w = np.empty(m + 1)
+        w[0] = step
+        for path in range(len(strengths)):
+            q, p = q0[0], p0[0]
+            for i in range(steps):
+                for k in range(m):
+                    w[k + 1] = root * generator.standard_normal()
+                w[1] *= strengths[path]
+                q, p = step_of(w, i * step, q, p)
+            last[0, path], last[1, path] = q, p
+        return last
+
+    return run
+
+
 def _of_arrays(step_of, scene, stages, keep):
     n, m, (place, kept) = scene.ndof, scene.nnoise, KEPT[keep + " of arrays"]
 

@@ -38,6 +38,7 @@ TOPICS = {
     "threads": "threads",
     "open": "open_systems",
     "brought": "brought",
+    "sweeps": "sweeps",
 }
 
 
