@@ -102,6 +102,8 @@ def test_traits():
     assert unit.traits.identity_mass and unit.traits.quadratic and unit.traits.bandwidth is None
     turned = ss.model_from_sympy("Sum(u[i]**2+v[i]**2+u[i]*v[i] + x[i]**4*y[i], i)", q="x y", p="u v", n=12).traits
     assert turned.constant_mass and not turned.diagonal_mass and turned.bandwidth == 1
+    halves = ss.model_from_sympy("Sum(p[i]**2/4, i) + Sum(p[i]**2/4 + q[i]**4, i)", n=3)
+    assert halves.traits.identity_mass
     tied = ss.model_from_sympy("Sum(u[i]*v[i+1]/2 + x[i]*y[i], i)", q="x y", p="u v", n=12).traits
     assert not tied.constant_mass and tied.bandwidth == 3
     other = ss.model_from_sympy(

@@ -61,6 +61,9 @@ def test_third_derivatives():
     """Nested brackets take third derivatives, which hold polygamma of order 2, or 3 for noise by its slope."""
     for f in ("loggamma(q + 2)", "gamma(q + 2)", "besselj(1, q)"):
         ss.model_from_sympy(f"p**2/2 + {f}", [f"p*{f}/10"]).probe(0.4, 0.2)
+    q, p = sp.symbols("q p")
+    for x in (0.7, -0.4):  # polygamma of order 3, beside its reflection
+        ss.model_from_sympy(p**2 / 2, [p * sp.polygamma(0, q)], q=q, p=p).probe(x, 0.2)
 
 
 def test_runs_and_observables():
