@@ -175,7 +175,7 @@ contains
       end do
       do n = 2, self%nnode
          a = self%lane(n - 1)
-         self%meets(n) = bit_size(0_i8) - leadz(ieor(self%first + a - 1, self%first + self%lane(n) - 1))
+         self%meets(n) = int(bit_size(0_i8) - leadz(ieor(self%first + a - 1, self%first + self%lane(n) - 1)))
       end do
       self%meets(1) = 0
       if (self%npiece /= 1 .or. self%nnode == 0) return
