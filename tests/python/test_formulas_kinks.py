@@ -197,7 +197,7 @@ def test_traits_of_sums_with_kinks():
             "Sum(p[i]**2/2 + Max(q[i+1]-q[i], 0)**2, i)",
         )
     )
-    assert one.separable and not (one.constant_mass or one.identity_mass)
+    assert one.separable and not (one.constant_mass or one.identity_mass or one.quadratic)
     assert not other.separable and not other.identity_mass
     assert ring.identity_mass and ring.separable and ring.bandwidth == 1
 
