@@ -134,6 +134,10 @@ typedef int (*symsde_chain_rows)(int nlane, int ndof, int nham, int first, int l
 typedef int (*symsde_third_derivative)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, const double *aq, const double *ap, const double *bq,
                                        const double *bp, double *uq, double *up, void *user);
+/* products of all noises H_k(t, q) at one pass: g[ndof][nlane], the gradient of sum_k |H_k,q|^2 / 2, which is sum_k (Hess
+ * H_k) H_k,q; and, of one degree of freedom, k[nlane] = sum_k H_k,qq^2, which is not read otherwise */
+typedef int (*symsde_squares)(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k,
+                              void *user);
 /* f[ndof][nlane]: w[0] F of a force, or sum_k w[k] f_k, k >= 1, of forces on noises */
 typedef int (*symsde_force)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                             double *f, void *user);
@@ -163,6 +167,10 @@ int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessia
 int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);
 /* makes nested brackets exact; without it schemes approximate them by differences of gradients */
 int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
+/* for models with position_noise and identity_mass, whose noises meet: the squares of their gradients in kicks and in nested
+ * brackets then take one call instead of one or two for each noise, and lose nothing. The products must agree with those of
+ * gradients and Hessians to rounding */
+int symsde_model_set_squares(symsde_model model, symsde_squares squares, symsde_error *error);
 /* declares that the functions test for NULL: from now on outputs that are not wanted are NULL */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
 /* whole steps of a catalogue scheme, without correction; "symplectic_euler, corrected" and

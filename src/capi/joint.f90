@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Optional functions of a user's model: gradient and Hessian together, third derivatives, rows of a chain, whole
-!> steps of schemes, parameters by path, a quadratic part of H; and declarations that its functions accept NULL or any
-!> number of lanes.
+!> Optional functions of a user's model: gradient and Hessian together, third derivatives, rows of a chain, products
+!> of its noises, whole steps of schemes, parameters by path, a quadratic part of H; and declarations that its functions
+!> accept NULL or any number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_associated, c_funptr, c_int, c_int64_t, c_ptr
    use symsde_base_damping, only: damping_type
@@ -25,7 +25,7 @@ module symsde_capi_joint
    private
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
    public :: symsde_model_accept_any_lanes, symsde_model_set_derived
-   public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative
+   public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative, symsde_model_set_squares
    public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part, &
              symsde_model_set_action_kicks
 
@@ -73,6 +73,20 @@ contains
       if (.not. allocated(refusal)) call known%set_third_derivative(third)
       status = finish(refusal, error)
    end function symsde_model_set_third_derivative
+
+   !> Give a model of symsde_model_new products of gradients and Hessians of all noises; NULL removes them. Refuses
+   !> (incompatible) built-in models and models that do not declare noise in position and the mass one.
+   function symsde_model_set_squares(model, squares, error) result(status) bind(c, name='symsde_model_set_squares')
+      type(c_ptr), intent(in), value :: model, error
+      type(c_funptr), intent(in), value :: squares
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+
+      call find_callback_model(model, known, 'symsde_model_set_squares', refusal)
+      if (.not. allocated(refusal)) call known%set_squares(squares, refusal)
+      status = finish(refusal, error)
+   end function symsde_model_set_squares
 
    !> From now on pass NULL for outputs that are not wanted. Refuses built-in models (incompatible).
    function symsde_model_accept_null(model, error) result(status) bind(c, name='symsde_model_accept_null')

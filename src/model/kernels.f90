@@ -32,6 +32,7 @@ module symsde_model_kernels
       logical :: sweeps = .false.       !! sweeps: over stages of a path with one or two degrees of freedom
       logical :: angle = .false.        !! angle: all derivatives of an angle follow from its terms
       logical :: linear = .false.       !! angle: one degree of freedom, quadratic, terms without sine
+      logical :: squares = .false.      !! squares: products of gradients and Hessians of all noises
    end type kernel_offers
 
    type, abstract, extends(model_type) :: kernel_model
@@ -41,6 +42,7 @@ module symsde_model_kernels
       procedure :: sweeps => sweeps_missing
       procedure :: pair => pair_missing
       procedure :: angle => angle_missing
+      procedure :: squares => squares_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
    end type kernel_model
@@ -155,6 +157,23 @@ contains
 
       terms%a = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine angle_missing
+
+   !> For noises H_k(t,q) and the mass one, the gradient in q of (1/2) sum_k H_k,q . H_k,q,
+   !>
+   !>    g = sum_k (Hess H_k) H_k,q,     and, of one degree of freedom,  k = sum_k H_k,qq^2
+   !>
+   !> at one pass over all noises: a gradient and a product for each noise that meets others would take a time
+   !> proportional to the square of their number, since each of them evaluates all noises. Of several degrees of freedom
+   !> k is not read.
+   subroutine squares_missing(self, nlane, ndof, nnoise, t, q, g, k)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, q(nlane, ndof)
+      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+
+      g = ieee_value(1.0_wp, ieee_quiet_nan)
+      k = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine squares_missing
 
    !> Whether `flow` can take steps by this map.
    pure logical function has_no_flow(self, map) result(has_flow)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
  * What spares a user's model its second sine and cosine: symsde_model_set_gradient_hessian, symsde_sincos; third
- * derivatives, symsde_model_set_third_derivative.
+ * derivatives, symsde_model_set_third_derivative; and products of noises that meet, symsde_model_set_squares.
  */
 #include "run.h"
 
@@ -227,6 +227,115 @@ static void test_third_derivative(void) {
    symsde_model_delete(&model);
    symsde_model_delete(&kubo);
    symsde_scheme_delete(&scheme);
+}
+
+/* H = p^2/2 - cos q with five noises, H_k = s k cos(q + k) */
+enum { MEETING = 5 };
+
+typedef struct noisy_user {
+   double s, wrong_g, wrong_k;
+   int asked, refused; /* calls, and the call that returns an error code */
+} noisy_user;
+
+static int noisy_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          double *hq, double *hp, void *user) {
+   const noisy_user *u = user;
+   (void)t, (void)ndof;
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = w[i] * sin(q[i]);
+      hp[i] = w[i] * p[i];
+      for (int k = 1; k < nham; k++) {
+         hq[i] -= w[k * nlane + i] * u->s * k * sin(q[i] + k);
+      }
+   }
+   return 0;
+}
+
+static int noisy_hessian(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                         double *hqq, double *hqp, double *hpp, void *user) {
+   const noisy_user *u = user;
+   (void)t, (void)ndof, (void)p;
+   for (int i = 0; i < nlane; i++) {
+      hqq[i] = w[i] * cos(q[i]);
+      hqp[i] = 0;
+      hpp[i] = w[i];
+      for (int k = 1; k < nham; k++) {
+         hqq[i] -= w[k * nlane + i] * u->s * k * cos(q[i] + k);
+      }
+   }
+   return 0;
+}
+
+static int noisy_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k, void *user) {
+   noisy_user *u = user;
+   (void)t, (void)ndof;
+   u->asked++;
+   for (int i = 0; i < nlane; i++) {
+      g[i] = u->wrong_g;
+      k[i] = u->wrong_k;
+      for (int j = 1; j < nham; j++) {
+         const double c = u->s * j;
+         g[i] += c * sin(q[i] + j) * c * cos(q[i] + j);
+         k[i] += c * cos(q[i] + j) * c * cos(q[i] + j);
+      }
+   }
+   return u->asked == u->refused ? 31 : 0;
+}
+
+/* the same paths by products of single noises and by all at one pass; wrong products are refused */
+static void test_squares(void) {
+   static arrays single, together;
+   static const char *const schemes[] = {"chin4a", "gauss2_strong32"};
+   noisy_user user = {0.1, 0, 0, 0, 0};
+   symsde_model model = NULL, other = NULL, kubo = new_kubo();
+   symsde_traits traits;
+   symsde_options options = some_options();
+   const double q0 = 0.3;
+   const symsde_input input = some_input(&q0, &zero);
+   symsde_paths paths;
+
+   symsde_traits_init(&traits);
+   traits.ndof = 1;
+   traits.nnoise = MEETING;
+   traits.separable = traits.position_noise = 1;
+   OK(symsde_model_new("noisy", &traits, noisy_gradient, NULL, noisy_hessian, NULL, &user, &other, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "noisy|identity_mass", symsde_model_set_squares(other, noisy_squares, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_squares(kubo, noisy_squares, &error));
+   traits.identity_mass = 1;
+   OK(symsde_model_new("noisy", &traits, noisy_gradient, NULL, noisy_hessian, NULL, &user, &model, &error));
+   for (int j = 0; j < 2; j++) {
+      symsde_scheme scheme = new_scheme(schemes[j]);
+      double largest = 0;
+      OK(symsde_model_set_squares(model, NULL, &error));
+      paths = paths_in(&single, 0);
+      user.asked = 0;
+      OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+      CHECK(user.asked == 0);
+      OK(symsde_model_set_squares(model, noisy_squares, &error));
+      paths = paths_in(&together, 0);
+      OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+      CHECK(user.asked > 10);
+      for (int i = 0; i < NTIME * PATHS; i++) {
+         largest = fmax(largest, fabs(single.q[i] - together.q[i]));
+      }
+      CHECK(largest < 1e-12 && fabs(single.q[NTIME * PATHS - 1] - q0) > 1e-3);
+      user.wrong_g = 0.01;
+      EXPECT(SYMSDE_FALSE_TRAIT, "noisy|squares of its noises|of g",
+             symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+      user.wrong_g = 0;
+      user.wrong_k = 0.01;
+      EXPECT(SYMSDE_FALSE_TRAIT, "noisy|of which k is",
+             symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+      user.wrong_k = 0;
+      user.asked = 0;
+      user.refused = 7;
+      EXPECT(SYMSDE_CALLBACK_FAILED, "31", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+      user.refused = 0;
+      symsde_scheme_delete(&scheme);
+   }
+   symsde_model_delete(&model);
+   symsde_model_delete(&other);
+   symsde_model_delete(&kubo);
 }
 
 /* calls in which an output is NULL, and calls with all outputs */
@@ -636,6 +745,7 @@ int main(void) {
    test_joint_is_called();
    test_joint_fails();
    test_third_derivative();
+   test_squares();
    test_null_is_not_handed_out();
    test_sincos();
    test_damping();

@@ -39,7 +39,7 @@ ASKS = re.compile(rf"^[^!'\n]*(?:\bmodel%{OPERATION}|\bdifference_(?:default|alo
 ASKS_MODEL = {
     "explicit/tableau_gradients.inc": (2, "the Ito drift takes the gradient of one H_k and its Hessian times a vector"),
     "one_dof/brackets.f90": (4, "brackets are made of derivatives of each H_j, third ones too where they nest"),
-    "one_dof/brackets_kinetic.f90": (2, "the same, of every U_j"),
+    "one_dof/brackets_kinetic.f90": (3, "the same, of every U_j, or of sums with weights of their own"),
     "splitting/derivatives.inc": (
         3,
         "kicks are flows of the part of Hhat that depends on q: sums of U and H_k, or each, with derivatives of forces",

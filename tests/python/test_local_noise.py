@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import errors
+from symsde.model.formulas import derivatives
+
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 
 KICKED = ("verlet_kdk", "gauss_dkdkd", "chin4a", "verlet_kdk_strong2", "chin4a_strong2")
 N = 6
@@ -279,3 +282,74 @@ def test_pushes_of_noises_that_do_not_meet_are_read_together(lists):
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-14)
     np.testing.assert_allclose(runs[0].p, runs[1].p, rtol=0, atol=1e-14)
     assert asked[1] - asked[0] == N - {"sites": 1, "bonds": 2, "mixed": 3}[lists]
+
+
+MEETING = {
+    "one degree": ("p**2/2 - cos(q)", [f"{0.1 / (1 + k):.4f}*sin({1 + k / 3:.4f}*q + {k / 4})" for k in range(9)]),
+    "in time": ("p**2/2 - cos(q)", [f"{0.1 / (1 + k):.4f}*sin({1 + k / 3:.4f}*q + {k} + t)" for k in range(9)]),
+    "two degrees": (
+        "(p1**2 + p2**2)/2 + q1**2/2 + q2**2 + q1*q2**2/4",
+        [f"0.05*cos({1 + k / 5:.2f}*q1 - {k / 7:.4f}*q2)" for k in range(8)] + ["0.1*q2**2"],
+    ),
+}
+
+
+def of_formulas(name, squares, monkeypatch):
+    """A model of formulas, with the squares of its noises at one pass or without."""
+    monkeypatch.setattr(derivatives, "MEETING", 4 if squares else 99)
+    model = ss.model_from_sympy(*MEETING[name])
+    assert ("formula_squares" in model.formula.source) == squares
+    return model
+
+
+@pytest.mark.parametrize("paths", [1, 5, 70])
+@pytest.mark.parametrize("scheme", ["chin4a", "verlet_kdk", "gauss2_strong32", "gauss2_weak2", "verlet_dkd_weak2"])
+@pytest.mark.parametrize("name", MEETING)
+def test_squares_are_products_of_single_noises(name, scheme, paths, monkeypatch):
+    """Of many noises that meet: in blocks with padding and without, alone, in a bath."""
+    given = {"q0": 0.4, "p0": 0.1, "step": 0.1, "steps": 12, "paths": paths, "seed": 3, "scheme": scheme}
+    together, single = (of_formulas(name, squares, monkeypatch) for squares in (True, False))
+    runs = [ss.simulate(model, **given) for model in (together, single)]
+    assert np.abs(runs[0].q - runs[1].q).max() < 2e-13 > np.abs(runs[0].p - runs[1].p).max()
+    counts = [sum(run.report.counters[x] for x in ("gradients", "hessians", "hessian_vectors")) for run in runs]
+    assert counts[0] < counts[1] or scheme == "verlet_dkd_weak2"  # which has no products
+    if scheme == "chin4a" and paths > 1:
+        baths = [ss.simulate(ss.thermostat(x, gamma=0.3, beta=2.0), **given) for x in (together, single)]
+        assert np.abs(baths[0].q - baths[1].q).max() < 2e-13
+        assert not np.array_equal(baths[0].q, runs[0].q)
+
+
+def test_paths_with_squares_have_their_bits_alone_and_in_blocks(monkeypatch):
+    """Of padded blocks, single paths, and few lanes that Newton's iteration gathers."""
+    model = of_formulas("one degree", squares=True, monkeypatch=monkeypatch)
+    given = {"q0": 0.4, "p0": 0.1, "step": 0.2, "steps": 10, "seed": 3}
+    for scheme in ("chin4a", "gauss2_strong32"):
+        block = ss.simulate(model, scheme=scheme, paths=300, **given)
+        alone = ss.simulate(model, scheme=scheme, paths=1, first_path=257, **given)
+        few = ss.simulate(model, scheme=scheme, paths=3, first_path=257, **given)
+        assert np.array_equal(block.q[:, :, 257:260], few.q) and np.array_equal(block.q[:, :, 257:258], alone.q)
+
+
+def test_work_of_noises_that_meet_does_not_grow_with_them():
+    """As many calls of the model for 18 noises on one degree of freedom as for nine, and none for three."""
+    for scheme in ("chin4a", "verlet_kdk", "gauss2_weak2"):
+        counts = []
+        for count in (9, 18):
+            model = ss.model_from_sympy("p**2/2 - cos(q)", [f"0.01*cos(q + {k})" for k in range(count)])
+            counts.append(ss.simulate(model, q0=0.3, p0=0, step=0.05, steps=10, paths=9, scheme=scheme).report.counters)
+        assert counts[0]["gradients"] == counts[1]["gradients"] > 0
+    few = ss.model_from_sympy("p**2/2 - cos(q)", ["cos(q)", "sin(q)", "q**3"])
+    linear = ss.model_from_sympy("p**2/2 - cos(q)", [f"{k}*q" for k in range(1, 9)])
+    assert "formula_squares" not in few.formula.source + linear.formula.source
+
+
+def test_squares_of_parameters_that_differ_from_path_to_path():
+    """Constants of each path, in blocks and alone."""
+    noises = [f"s*cos(w*q + {k})/{2 + k}" for k in range(9)]
+    params = {"s": np.array([0.3, 0.5, 0.7]), "w": 1.3}
+    given = {"q0": 0.4, "p0": 0.1, "step": 0.1, "steps": 10, "seed": 3, "scheme": "chin4a"}
+    whole = ss.simulate(ss.model_from_sympy("p**2/2 - cos(q)", noises, params=params), paths=3, **given)
+    for path, s in enumerate(params["s"]):
+        one = ss.model_from_sympy("p**2/2 - cos(q)", noises, params={"s": s, "w": 1.3})
+        alone = ss.simulate(one, paths=1, first_path=path, **given)
+        assert np.abs(whole.q[:, :, path] - alone.q[:, :, 0]).max() < 1e-13

@@ -70,6 +70,15 @@ def derived(make: Callable[[], ModelHandle]) -> ModelHandle:
     return handle
 
 
+def with_squares(make: Callable[[], ModelHandle], squares: Any) -> ModelHandle:
+    """A handle of a user's model that gives the squares of all noises at one pass."""
+    handle = make()
+    callback, _ = callbacks.compiled("squares", squares)
+    handle.squares = callback, squares  # must live as long as the handle
+    handles.call("model_set_squares", handle.pointer, callback)
+    return handle
+
+
 def with_probed_traits(make: Callable[[], ModelHandle], ndof: int) -> ModelHandle:
     """A handle of a user's model that declares what its gradient does not refute at three points.
 

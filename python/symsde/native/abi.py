@@ -227,6 +227,9 @@ CALLBACKS = {
 CALLBACKS["chain_rows"] = CFUNCTYPE(
     *(c_int,) * 6, c_double, *(c_void_p,) * 5
 )  # int f(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user)
+CALLBACKS["squares"] = CFUNCTYPE(
+    *(c_int,) * 4, c_double, *(c_void_p,) * 4
+)  # int f(nlane, ndof, nham, t, q, g, k, user)
 Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
 
 PathFunction = CFUNCTYPE(c_int, c_int64, *(c_int,) * 4, *(c_void_p,) * 8)
@@ -318,6 +321,7 @@ FUNCTIONS = {
     ),
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
     "model_set_chain_rows": (_handle, CALLBACKS["chain_rows"], _error),
+    "model_set_squares": (_handle, CALLBACKS["squares"], _error),
     "model_set_third_derivative": (_handle, CALLBACKS["third_derivative"], _error),
     "model_accept_null": (_handle, _error),
     "model_set_flow": (_handle, c_char_p, CALLBACKS["flow"], _error),

@@ -22,6 +22,7 @@ module symsde_model_probe_traits
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, worst, &
                                         largest_entry
    use symsde_model_probe_rows, only: probe_rows
+   use symsde_model_probe_squares, only: probe_squares
    use symsde_model_probe_supports, only: probe_supports
    implicit none
    private
@@ -75,6 +76,7 @@ contains
       rows => kernels_of(model)
       if (associated(rows)) then
          if (rows%offers%rows) call probe_rows(points, rows, error)
+         if (rows%offers%squares) call probe_squares(points, rows, error)
       end if
       if (present(decided)) decided = points%slope(1) <= huge(1.0_wp)
       call model%clear_failure()  ! a user's function may fail at a displaced point

@@ -18,7 +18,7 @@ module symsde_model_user_callback
    use symsde_base_lane_paths, only: lane_paths
    use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
-   use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
+   use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory, incompatible
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, hessian_vector_composed, &
@@ -27,7 +27,7 @@ module symsde_model_user_callback
    use symsde_model_user_callback_flow, only: user_flows
    use symsde_model_user_callback_functions, only: gradient_callback, value_callback, hessian_callback, &
                                                    hessian_vector_callback, gradient_hessian_callback, &
-                                                   third_derivative_callback
+                                                   third_derivative_callback, squares_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_user_failures, only: failure_record
    use symsde_model_user_outputs, only: little, find_room, spoil
@@ -48,6 +48,7 @@ module symsde_model_user_callback
       procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
+      procedure(squares_callback), pointer, nopass :: on_squares => null()
       logical :: null_accepted = .false.         !! unwanted outputs are NULL
       type(c_ptr) :: user = c_null_ptr           !! user pointer of all functions, unless parameters differ by path
       type(path_parameters) :: parameters        !! parameters by path, none by default
@@ -67,6 +68,8 @@ module symsde_model_user_callback
       procedure :: set_chain_rows
       procedure :: third_derivative
       procedure :: set_third_derivative
+      procedure :: squares
+      procedure :: set_squares
       procedure :: accept_null
       procedure :: set_parameters
       procedure :: set_user
@@ -198,6 +201,28 @@ contains
       self%traits%has_third_derivative = c_associated(third_derivative)
       if (self%traits%has_third_derivative) call c_f_procpointer(third_derivative, self%on_third_derivative)
    end subroutine set_third_derivative
+
+   !> Add a function for products of gradients and Hessians of all noises, before the model is used; c_null_funptr
+   !> removes it. Refuses a model that does not declare noise in position and the mass one.
+   subroutine set_squares(self, squares, error)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: squares  !! a squares_callback, or c_null_funptr
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call self%passed%forget()
+      nullify (self%on_squares)
+      self%offers%squares = .false.
+      if (.not. c_associated(squares)) return
+      if (.not. (self%traits%position_noise .and. self%traits%identity_mass)) then
+         call raise(error, incompatible, 'set_squares', "model '"//self%name//"' does not declare position_noise "// &
+                    'and identity_mass, which products of gradients of its noises need; declare both, or give no '// &
+                    'function')
+         return
+      end if
+      call c_f_procpointer(squares, self%on_squares)
+      self%offers%squares = .true.
+   end subroutine set_squares
 
    !> Declare, before the model is used, that its functions accept NULL for outputs.
    subroutine accept_null(self)
@@ -429,6 +454,27 @@ contains
       call spoil(nlane*ndof, uq, up)
    end subroutine third_derivative
 
+   !> Products of gradients and Hessians of all noises; called only if offers%squares is true.
+   subroutine squares(self, nlane, ndof, nnoise, t, q, g, k)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, q(nlane, ndof)
+      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      type(lane_call) :: now
+      integer(i4) :: code
+
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
+      call spoil(nlane*ndof, g)
+      call spoil(nlane, k)
+      code = self%on_squares(nlane, ndof, nnoise + 1, t, q, g, k, now%user)
+      if (self%parameters%act) call now%leave()
+      if (code == 0) return
+      call self%failure%note(code)
+      call spoil(nlane*ndof, g)
+      call spoil(nlane, k)
+   end subroutine squares
+
    !> The first nonzero code that a function returned since clear_failure; 0 = none.
    integer function failure_code(self) result(code)
       class(callback_model), intent(in) :: self
@@ -523,6 +569,7 @@ contains
       left%on_gradient_hessian => right%on_gradient_hessian
       left%on_chain_rows => right%on_chain_rows
       left%on_third_derivative => right%on_third_derivative
+      left%on_squares => right%on_squares
       left%null_accepted = right%null_accepted
       left%offers = right%offers
       left%flows = right%flows

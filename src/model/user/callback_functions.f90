@@ -7,7 +7,8 @@ module symsde_model_user_callback_functions
    implicit none
    private
    public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
-   public :: third_derivative_callback, force_callback, force_derivative_callback, damping_callback
+   public :: third_derivative_callback, force_callback, force_derivative_callback, damping_callback, &
+             squares_callback
 
    abstract interface
       !> Gradient of sum_j w_j H_j.
@@ -107,6 +108,17 @@ module symsde_model_user_callback_functions
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function force_derivative_callback
+
+      !> Products of gradients and Hessians of all noises: g and k of `squares` in model/kernels.
+      function squares_callback(nlane, ndof, nham, t, q, g, k, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: q(nlane, ndof)
+         real(c_double), intent(out) :: g(nlane, ndof), k(nlane)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function squares_callback
 
       !> Rates of damping, one for all momenta or one for each.
       function damping_callback(nlane, ndof, nrate, t, q, rate, user) bind(c) result(code)

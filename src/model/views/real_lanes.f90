@@ -13,7 +13,7 @@ module symsde_model_views_real_lanes
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: model_type
    use symsde_model_contract, only: require_real_lanes
-   use symsde_model_kernels, only: kernel_model, kernels_of
+   use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    implicit none
    private
    public :: real_lanes_model, new_real_lanes
@@ -39,6 +39,7 @@ module symsde_model_views_real_lanes
       procedure :: third_derivative
       procedure :: gradient_hessian
       procedure :: hessian_banded
+      procedure :: squares
       procedure :: has_flow
       procedure :: flow
       procedure :: failure_code
@@ -53,6 +54,7 @@ contains
    subroutine new_real_lanes(self, model)
       type(real_lanes_model), intent(inout) :: self
       class(model_type), intent(in), target :: model
+      type(kernel_offers) :: offers
 
       self%traits = model%traits
       self%name = model%name
@@ -60,6 +62,8 @@ contains
       self%forces => model%forces
       self%model => model
       self%kernels => kernels_of(model)
+      offers = offers_of(model)
+      self%offers%squares = offers%squares
       self%nreal = huge(0)  ! until a block sets it: calls at set-up have no padding
       allocate (self%buffer(narray))
    end subroutine new_real_lanes
@@ -233,6 +237,26 @@ contains
          if (present(hpp)) call spread_lanes(nlane, n, m, e, hpp)
       end associate
    end subroutine hessian_banded
+
+   !> Products of gradients and Hessians of all noises.
+   subroutine squares(self, nlane, ndof, nnoise, t, q, g, k)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, q(nlane, ndof)
+      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      real(wp), pointer, contiguous :: a(:), b(:)
+
+      if (self%nreal >= nlane) then
+         call self%kernels%squares(nlane, ndof, nnoise, t, q, g, k)
+         return
+      end if
+      call gather(nlane, self%nreal, ndof, q, self%buffer(2)%x)
+      call take_buffer(self, 6, ndof, .true., a)
+      call take_buffer(self, 7, 1, .true., b)
+      call self%kernels%squares(self%nreal, ndof, nnoise, t, self%buffer(2)%x, a, b)
+      call spread_lanes(nlane, self%nreal, ndof, a, g)
+      call spread_lanes(nlane, self%nreal, 1, b, k)
+   end subroutine squares
 
    pure logical function has_flow(self, map)
       class(real_lanes_model), intent(in) :: self

@@ -38,6 +38,7 @@ module symsde_model_views_thermostat
       procedure :: third_derivative
       procedure :: chain_rows
       procedure :: pair
+      procedure :: squares
       procedure :: for_paths
       procedure :: failure_code
       procedure :: clear_failure
@@ -171,6 +172,7 @@ contains
       self%offers%rows = offers%rows
       self%offers%rows_of_one = offers%rows_of_one
       self%offers%pair = offers%pair
+      self%offers%squares = offers%squares
    end subroutine dress
 
    !> Copy everything but the inner model, for callers that copy the model themselves: it may own records that copies
@@ -351,6 +353,18 @@ contains
       f1 = f1 - self%sigma(1)*w(nnoise - 1)
       f2 = f2 - self%sigma(2)*w(nnoise)
    end subroutine pair
+
+   !> Noises of the bath are linear: they add no products.
+   subroutine squares(self, nlane, ndof, nnoise, t, q, g, k)
+      class(thermostat_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, q(nlane, ndof)
+      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      class(kernel_model), pointer :: kernels
+
+      kernels => kernels_of(model_of(self))
+      call kernels%squares(nlane, ndof, nnoise - ndof, t, q, g, k)
+   end subroutine squares
 
    integer function failure_code(self) result(code)
       class(thermostat_model), intent(in) :: self

@@ -39,6 +39,7 @@ module symsde_step_hamiltonian_brackets
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
    use symsde_model_probe_noise_time, only: noise_changes_in_time
+   use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
    use symsde_scheme_scheme, only: bracket_terms
    use symsde_step_hamiltonian_brackets_exact, only: exact_bracket, new_exact_bracket, has_exact_bracket
@@ -54,6 +55,8 @@ module symsde_step_hamiltonian_brackets
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
+      !> The model, if it gives the squares of all noises at one pass and several noises meet
+      class(kernel_model), pointer :: squares => null()
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
       real(wp), allocatable, private :: nested(:, :)       !! weights of F/h in the nested brackets (nlane, 0:nnoise)
       real(wp), allocatable, private :: g(:, :)            !! weights of a sum (nlane, 0:nnoise)
@@ -93,11 +96,14 @@ contains
       class(model_type), intent(in), target :: model
       type(bracket_terms), intent(in) :: brackets   !! the scheme's brackets
       integer, intent(in) :: nlane
+      type(kernel_offers) :: offers
 
       call new_exact_bracket(self, model, nlane)
       self%active = active_brackets(brackets, model%traits)
       call self%sort()
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
+      offers = offers_of(model)
+      if (self%simple .and. self%colours%n > 1 .and. offers%squares) self%squares => kernels_of(model)
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
       ! The single bracket has a term for every noise that changes in time. The bracket {H_k(t_1),H_k(t_0)} is zero
       ! for noise in position, and has no gradient for additive noise.
@@ -275,11 +281,18 @@ contains
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp) :: c
+      real(wp) :: c, stiffness(self%nlane)
       integer :: k
 
       ! The gradient of H_k,q . H_k,q is 2 H_k,qq H_k,q: one gradient, and its product with the Hessian.
       c = h*abs(h)/6
+      if (associated(self%squares)) then
+         call self%squares%squares(self%nlane, self%ndof, self%nnoise, t, q, self%gq, stiffness)
+         self%ngradient = self%ngradient + 1
+         self%nproduct = self%nproduct + 1
+         self%sq = self%sq + c*self%gq
+         return
+      end if
       do k = 1, self%colours%n
          call self%show_colour(k)
          associate (n => self%nlane, d => self%ndof, m => self%nnoise)

@@ -98,6 +98,8 @@ contains
             if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! also H_k at both ends of the step
             allocate (self%kinetic)
             call new_kinetic_brackets(self%kinetic, parts)
+            ! Two sums and the squares; two more sums where noises change in time.
+            if (self%kinetic%by_sums) self%asked = merge(5, 3, parts%time_dependent)
             self%exact = self%exact .or. self%kinetic%angle
             return
          end if

@@ -42,6 +42,7 @@ module symsde_step_one_dof_brackets_kinetic
       integer :: nlane = 0, nnoise = 0
       integer :: ntime = 1 !! number of times of an evaluation; 3 if noises change: its own and both ends
       logical :: angle = .false.
+      logical :: by_sums = .false. !! the model gives the squares of all noises, and sums replace single noises
       class(kernel_model), pointer :: fast => null()  !! the model with kernels, which gives terms of an angle
       real(wp) :: times(0:2) = 0                   !! times of evaluations in a step: its middle, and stages
       type(angle_terms), allocatable :: terms(:, :)  !! terms of H_j at the times of a step (0:nnoise, 0:2)
@@ -86,6 +87,7 @@ contains
       offers = offers_of(parts%model)
       self%angle = offers%angle
       self%fast => kernels_of(parts%model)
+      self%by_sums = associated(parts%squares) .and. .not. self%angle
       ! H_k(t_1) - H_k(t_0) is computed in every evaluation, as it depends on q.
       if (parts%time_dependent) self%ntime = 3
       associate (n => parts%nlane, m => parts%nnoise)
@@ -138,6 +140,10 @@ contains
       real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
       integer :: k
 
+      if (self%by_sums) then
+         call evaluate_sums(self, parts, i, step, c, rate, q, p, h)
+         return
+      end if
       w => step%w
       ! h|h| and not h^2, since |h| replaces the square of an increment, and h belongs to the drift: a step back in time
       ! changes the sign of the second factor only.
@@ -166,6 +172,48 @@ contains
          end do
       end associate
    end subroutine evaluate
+
+   !> The same from weighted sums, for many noises in position that meet: those with the weights w and c, and the
+   !> squares of all noises.
+   subroutine evaluate_sums(self, parts, i, step, c, rate, q, p, h)
+      type(kinetic_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      integer, intent(in) :: i
+      type(step_record), intent(in) :: step
+      real(wp), intent(in), dimension(self%nlane, 0:self%nnoise) :: c, rate
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(out) :: h(self%nlane, nplace)
+      real(wp) :: nested
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
+
+      w => step%w
+      nested = merge(step%h*abs(step%h)/12, 0.0_wp, parts%active%nested)
+      associate (n => self%nlane, m => self%nnoise, t => self%times(i), u => self%u)
+         ! Columns that are not written are zero from the beginning.
+         call derive_sum(parts%model, n, m, t, w, q, p, h(:, q_), h(:, qq))
+         ! H = p^2/2 + U(q) has the weight h in every lane.
+         h(:, p_) = step%h*p
+         h(:, qp) = 0
+         h(:, pp) = step%h
+         if (parts%active%single) call derive_sum(parts%model, n, m, t, c, q, p, u(:, 1, 1, 1), u(:, 2, 1, 1))
+         if (parts%active%nested) call self%fast%squares(n, 1, m, t, q, u(:, 3, 1, 1), u(:, 4, 1, 1))
+         call add_sums(n, 2*nested, u(:, :, 1, 1), p, h)
+         if (self%ntime < 3) return
+         call derive_sum(parts%model, n, m, step%t, rate, q, p, u(:, 1, 1, 2), u(:, 2, 1, 2))
+         call derive_sum(parts%model, n, m, step%t + step%h, rate, q, p, u(:, 1, 1, 3), u(:, 2, 1, 3))
+         call add_change(n, self%one(:, 0, 0), u(:, :, 1, 2), u(:, :, 1, 3), h)
+      end associate
+   end subroutine evaluate_sums
+
+   !> Force and stiffness of a weighted sum.
+   subroutine derive_sum(model, n, m, t, w, q, p, force, stiffness)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, m
+      real(wp), intent(in) :: t, w(n, 0:m), q(n), p(n)
+      real(wp), intent(out) :: force(n), stiffness(n)
+
+      call model%gradient_hessian(n, 1, m, t, w, q, p, hq=force, hqq=stiffness)
+   end subroutine derive_sum
 
    !> U_j' = H_j,q and U_j'' = H_j,qq from the model, H_j by H_j. For one lane a single call is enough: it has m + 1
    !> lanes at the same point, and lane j has the weights of H_j. H itself is not needed at the ends of the step.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import importlib
 import itertools
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,8 @@ from .tails import Tails
 
 MAX_GRADIENT = 3_000  #: most operations of a gradient
 MAX_THIRD = 600  #: most nonzero third derivatives, over all degrees of freedom
+MAX_SQUARES = 1_000  #: most products in the squares of all noises
+MEETING = 4  #: noises that meet from which their squares are taken together: for fewer little is gained
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 
@@ -64,6 +66,7 @@ class Derivatives:
         self._third: dict[str, list[int]] | None = None
         self._thirds = thirds
         self._constants: list[int] | None = None
+        self._squares: dict[str, list[int]] | None = None
         try:
             self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
         except (TypeError, ValueError, RuntimeError, NotImplementedError, self._engine.SympifyError):
@@ -192,8 +195,8 @@ class Derivatives:
 
     def _found_constants(self) -> list[int]:
         noise = [x for variables in BLOCKS.values() for x in self.noise_block(variables)]
-        nodes, third = self.graph.nodes, self.wanted_third().values()
-        roots = [*itertools.chain(*self.outputs.values(), *third), *noise]
+        nodes, more = self.graph.nodes, (*self.wanted_third().values(), *self.squares().values())
+        roots = [*itertools.chain(*self.outputs.values(), *more), *noise]
         needed = reachable(self.graph, roots)
         fixed: set[int] = set()
         for x in needed:
@@ -207,9 +210,52 @@ class Derivatives:
         """Whether nested brackets need third derivatives; for H = p.p/2 + U(q) with noise in position they are
         squares.
         """
+        return len(self.hamiltonians) > 1 and not self._is_simple()
+
+    def _is_simple(self) -> bool:
+        """Whether H = p.p/2 + U(q) with noise in position."""
         slopes = {x: self.of(x) for x in self.problem.coordinates("p")}
-        simple = all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
-        return len(self.hamiltonians) > 1 and not simple
+        return all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
+
+    def squares(self) -> dict[str, list[int]]:
+        """Nodes of g = sum_k (Hess H_k) H_k,q and, of one degree of freedom, of k = sum_k H_k,qq^2 (symsde_squares in
+        symsde.h), computed once; empty unless several nonlinear noises meet, and for too many products.
+        """
+        if self._squares is None:
+            self._squares = self._found_squares() if self._is_simple() else {}
+        return self._squares
+
+    def bend(self) -> list[int]:
+        """Nodes of the gradient of half of sum_k H_k,q.M^-1 H_k,q over the noises."""
+        graph, q, p = self.graph, self.problem.coordinates("q"), self.problem.coordinates("p")
+
+        def dot(pairs: Iterable[tuple[int, int]]) -> int:
+            return graph.sum(graph.multiply(a, b) for a, b in pairs)
+
+        found: list[list[int]] = [[] for _ in q]
+        for k in range(1, self.problem.nnoise + 1):
+            slope = [self.node(k, x) for x in q]
+            moved = [dot((self.node(0, y, z), s) for z, s in zip(p, slope, strict=True)) for y in p]
+            for i, x in enumerate(q):
+                found[i].append(dot((self.node(k, x, y), v) for y, v in zip(q, moved, strict=True)))
+        return [graph.sum(x) for x in found]
+
+    def _found_squares(self) -> dict[str, list[int]]:
+        names, noises, graph = self.problem.coordinates("q"), range(1, len(self.hamiltonians)), self.graph
+        touched = {x: {k for k in noises if self.of(x)[k] != 0} for x in names}
+        if max(map(len, touched.values())) < MEETING:
+            return {}
+        pairs = [(x, y, k) for x in names for y in names for k in touched[x] & touched[y] if self.of(x, y)[k] != 0]
+        if not 0 < len(pairs) <= MAX_SQUARES:
+            return {}
+        try:
+            squares = {"g": self.bend()}
+            if len(names) == 1:
+                curves = [self.node(k, *names, *names) for _x, _y, k in pairs]
+                squares["k"] = [graph.sum(graph.multiply(x, x) for x in curves)]
+        except InvalidArgumentError:  # a graph cannot hold this many operations
+            return {}
+        return squares
 
     def noise_block(self, variables: str) -> list[int]:
         """A block of derivatives of sum_k w_k H_k, the noises alone."""

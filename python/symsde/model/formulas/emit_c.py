@@ -60,6 +60,16 @@ void formula_constants(int n, const double *parameters, double *constants) {
 }
 """
 
+SQUARES = """
+/* Products of gradients and Hessians of all noises (symsde_squares). */
+int formula_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k, void *user);
+int formula_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k, void *user) {{
+   (void)ndof, (void)nham, (void)k;
+   {function}(nlane, t, NULL, q, NULL, PARAMETERS(user), {outputs});
+   return 0;
+}}
+"""
+
 
 def lane_functions() -> str:
     """The elementary functions of one lane, in C."""
@@ -157,6 +167,8 @@ class _File(Loops):
         self._along(derivatives)
         self.third = derivatives.wanted_third()
         self.outputs |= self.third
+        self.squares = tuple(derivatives.squares())
+        self.outputs |= derivatives.squares()
         self.constants = derivatives.constants()
         self.writer = Writer(self.graph, _load, {x: _load(f"c{k}") for k, x in enumerate(self.constants)})
         separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
@@ -198,11 +210,14 @@ class _File(Loops):
             parts += [made.far(("constants",)), made.function(("constants",)), CONSTANTS]
         third = [("tq", "tp")] if self.third else []
         parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, self._family(("hq",)))]
-        for outputs in (("value",), ("uq", "up"), *third, *self.sets):
+        squares = [self.squares] if self.squares else []
+        parts += map(self.far, squares)
+        for outputs in (("value",), ("uq", "up"), *third, *squares, *self.sets):
             parts.append(self.function(outputs))
         parts += [callback("value", ("value",))]
         parts += [callback("hessian_vector", ("uq", "up"))]
         parts += [callback("third_derivative", x) for x in third]
+        parts += [SQUARES.format(function=_function_name(x), outputs=", ".join(x)) for x in squares]
         kinds = {"gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp"), "gradient_hessian": tuple(BLOCKS)}
         for name, blocks in kinds.items() if self.hessians else (("gradient", ("hq", "hp")),):
             parts.append(callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))

@@ -145,25 +145,9 @@ def _kicks(made: Derivatives) -> list[str]:
     return list(KICKS)
 
 
-def _bend(made: Derivatives) -> list[int]:
-    """The gradient of half of sum_k H_k,q.M^-1 H_k,q over the noises."""
-    graph, q, p = made.graph, made.problem.coordinates("q"), made.problem.coordinates("p")
-
-    def dot(pairs: Iterable[tuple[int, int]]) -> int:
-        return graph.sum(graph.multiply(a, b) for a, b in pairs)
-
-    found: list[list[int]] = [[] for _ in q]
-    for k in range(1, made.problem.nnoise + 1):
-        slope = [made.node(k, x) for x in q]
-        moved = [dot((made.node(0, y, z), s) for z, s in zip(p, slope, strict=True)) for y in p]
-        for i, x in enumerate(q):
-            found[i].append(dot((made.node(k, x, y), v) for y, v in zip(q, moved, strict=True)))
-    return [graph.sum(x) for x in found]
-
-
 def _products(made: Derivatives) -> list[str]:
     """Steps by kicks, and the products of gradients that they use."""
-    bend = _bend(made)
+    bend = made.bend()
     parts = [_function(made, "bow", ["hq", "hqq"]), _function(made, "lever", ["hpp"])]
     parts.append(_lines(made, "bend", "double *restrict f", [(f"f[{i}]", x) for i, x in enumerate(bend)]))
     return [*parts, f"#define BENT {int(any(not made.graph.is_number(x, 0.0) for x in bend))}", _text("kicks")]
