@@ -45,7 +45,7 @@ module symsde_step_hamiltonian_brackets
    use symsde_step_hamiltonian_brackets_exact, only: exact_bracket, new_exact_bracket, has_exact_bracket
    implicit none
    private
-   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, reach
+   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, single_weights, reach
 
    real(wp), parameter :: reach = 0.5_wp  !! r: differences reach over this part of the step's displacements
 
@@ -129,12 +129,14 @@ contains
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal                              !! real paths of the block
       logical, intent(in), optional :: rest                     !! add only the rest
-      logical :: whole
+      logical :: whole, direct
 
       whole = .true.
       if (present(rest)) whole = .not. rest
-      self%sq = 0
-      self%sp = 0
+      ! The single bracket of `simple` writes into sq and sp, unless it has no part in q.
+      direct = self%simple .and. whole .and. self%active%single
+      if (.not. direct .or. self%model%traits%additive) self%sq = 0
+      if (.not. direct) self%sp = 0
       ! The weights c_k of single brackets come first: add_motion computes its weights from them.
       call find_single_weights(self, step)
       if (whole .and. self%active%single) call add_single(self, t, q, p)
@@ -185,13 +187,23 @@ contains
    subroutine find_single_weights(self, step)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
-      integer :: k
 
-      if (.not. self%active%single) return
-      do k = 1, self%nnoise
-         self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
-      end do
+      if (self%active%single) call single_weights(self%nlane, self%nnoise, step%h, step%w, step%of(path_dz)%x, self%c)
    end subroutine find_single_weights
+
+   !> VEC c_k = h dW_k/2 - dZ_k of every noise; c_0 stays zero.
+   pure subroutine single_weights(nlane, nnoise, h, w, z, c)
+      integer, intent(in) :: nlane, nnoise
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise), z(nlane, nnoise)
+      real(wp), intent(inout) :: c(nlane, 0:nnoise)
+      integer :: k, lane
+
+      do k = 1, nnoise
+         do lane = 1, nlane
+            c(lane, k) = 0.5_wp*h*w(lane, k) - z(lane, k)
+         end do
+      end do
+   end subroutine single_weights
 
    !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
    subroutine add_single(self, t, q, p)
@@ -201,11 +213,11 @@ contains
 
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
          if (self%simple) then  ! {F,H} = F_q.p, with the gradient (F_qq p, F_q); F_qq = 0 for additive noise
-            call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)
+            call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%sp)
             self%ngradient = self%ngradient + 1
-            self%sp = self%sp + self%bp
             if (self%model%traits%additive) return
-            call add_curved(self, t, self%c, 1.0_wp, p, q, p)
+            call self%model%hessian_vector(n, d, m, t, self%c, q, p, p, self%still, self%sq, self%gp)
+            self%nproduct = self%nproduct + 1
          else
             ! G = H: weight one for the drift, without h, which c_k contains.
             self%g = 0

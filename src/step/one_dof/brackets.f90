@@ -35,7 +35,7 @@ module symsde_step_one_dof_brackets
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
-   use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
+   use symsde_step_hamiltonian_brackets, only: modified_hamiltonian, single_weights
    use symsde_step_one_dof_brackets_kinetic, only: kinetic_brackets, new_kinetic_brackets, are_kinetic, &
                                                    q_, p_, qq, qp, pp, nplace
    implicit none
@@ -125,7 +125,6 @@ contains
       type(modified_hamiltonian), intent(in) :: parts
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: c(2)  !! times of the stages, in units of h
-      integer :: k
 
       ! H and noises are evaluated at the time of the stage, or in the middle of the step for the guess shared by all
       ! stages.
@@ -135,9 +134,7 @@ contains
       ! The times, and the terms of an angle at these times.
       if (allocated(self%kinetic)) call self%kinetic%begin(step, self%times)
       if (.not. parts%active%single) return
-      do k = 1, self%nnoise
-         self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
-      end do
+      call single_weights(self%nlane, self%nnoise, step%h, step%w, step%of(path_dz)%x, self%c)
       ! dW_k/2 - dZ_k/h, the weights of H_k(t_1) - H_k(t_0)
       if (parts%time_dependent) self%rate = self%c/step%h
    end subroutine begin
