@@ -27,8 +27,10 @@ module symsde_noise_functionals
    use symsde_noise_decay_law, only: decay_path, decay_integral
    implicit none
    private
-   public :: path_interval, new_path_interval, shape_values, decay_values, merge_intervals, clip_increments, &
-             clip_interval
+   public :: path_interval, new_path_interval, shape_values, decay_values, merge_intervals, magnus_of_quarters, &
+             clip_increments, clip_interval
+
+   integer, parameter :: strip = 32  !! lanes whose pairs of noises are formed together, from numbers in cache
 
    type :: interval_values
       real(wp), allocatable :: x(:, :)     !! (nlane, count_of); not allocated where not asked for
@@ -195,6 +197,67 @@ contains
          end do
       end associate
    end subroutine merge_magnus
+
+   !> J of an interval from the shapes of its quarters, with the bits of shape_values and of merge_magnus from quarter
+   !> to half to whole. dW of the halves is their own, since that of the quarters adds up to it to rounding alone.
+   pure subroutine magnus_of_quarters(nlane, nnoise, asked, length, w, hh, halves, x)
+      integer, intent(in) :: nlane, nnoise
+      type(functional_set), intent(in) :: asked
+      real(wp), intent(in) :: length  !! length of a quarter, with its sign [time]
+      real(wp), intent(in), dimension(nlane, nnoise, 4) :: w, hh
+      real(wp), intent(in) :: halves(nlane, nnoise, 2)  !! dW
+      real(wp), intent(out) :: x(nlane, asked%count_of(path_magnus, nnoise))
+      real(wp) :: z(nlane, nnoise, 4), zz(nlane, nnoise, 2)
+      integer :: first, n, k, l, kl, i
+
+      ! dZ of the quarters and of the halves.
+      z = length*(0.5_wp*w + hh)
+      do i = 1, 2
+         zz(:, :, i) = (z(:, :, 2*i - 1) + z(:, :, 2*i)) + length*w(:, :, 2*i - 1)
+      end do
+      do first = 1, nlane, strip
+         n = min(strip, nlane - first + 1)
+         k = 0
+         l = 0
+         do kl = 1, size(x, 2)
+            call asked%next_pair(kl, k, l)
+            call merge_pair(first, n, k, l, x(:, kl))
+         end do
+      end do
+
+   contains
+
+      !> VEC J_kl of n lanes from `first` on.
+      pure subroutine merge_pair(first, n, k, l, x)
+         integer, intent(in) :: first, n, k, l
+         real(wp), intent(inout) :: x(nlane)
+         real(wp) :: own(4), two(2), variance
+         integer :: lane, i, j
+
+         variance = 0
+         if (k == l) variance = length*abs(length)/15
+         do lane = first, first + n - 1
+            do i = 1, 4
+               own(i) = length*(w(lane, k, i)*w(lane, l, i)/6 - 1.2_wp*hh(lane, k, i)*hh(lane, l, i))
+               own(i) = own(i) - variance
+            end do
+            do i = 1, 2
+               j = 2*i - 1
+               two(i) = (own(j) + own(j + 1)) &
+                        + 0.5_wp*(z(lane, k, j)*w(lane, l, j + 1) &
+                                  + w(lane, k, j)*(length*w(lane, l, j + 1) - z(lane, l, j + 1)) &
+                                  + z(lane, l, j)*w(lane, k, j + 1) &
+                                  + w(lane, l, j)*(length*w(lane, k, j + 1) - z(lane, k, j + 1)))
+            end do
+            x(lane) = (two(1) + two(2)) &
+                      + 0.5_wp*(zz(lane, k, 1)*halves(lane, l, 2) &
+                                + halves(lane, k, 1)*(2*length*halves(lane, l, 2) - zz(lane, l, 2)) &
+                                + zz(lane, l, 1)*halves(lane, k, 2) &
+                                + halves(lane, l, 1)*(2*length*halves(lane, k, 2) - zz(lane, k, 2)))
+         end do
+      end subroutine merge_pair
+
+   end subroutine magnus_of_quarters
 
    !> A_kl of two neighbours: the sum of their areas, and the area of the triangle that dW_1 and dW_2 span.
    pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)

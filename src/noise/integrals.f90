@@ -40,10 +40,10 @@ module symsde_noise_integrals
    use symsde_base_functionals, only: area_index, nfunctional, path_areas, path_magnus, path_decay
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
-   use symsde_base_vectors, only: add_times
-   use symsde_noise_decay_law, only: decay_direction
    use symsde_noise_discrete, only: discrete_pairs, sign_pairs
-   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, decay_values, merge_intervals
+   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, decay_values, merge_intervals, &
+                                       magnus_of_quarters
+   use symsde_noise_halving, only: path_shape, halving_draws, halve
    use symsde_noise_normal, only: normal_stream
    use symsde_noise_integral_draws, only: integral_draws, draw, draw_rests
    use symsde_noise_philox, only: purpose_increment, purpose_shape, purpose_halving, purpose_halves, purpose_stt_area, &
@@ -54,17 +54,6 @@ module symsde_noise_integrals
 
    integer, parameter :: magnus_levels = 2      !! halvings of a step for J
    integer, parameter :: levels_unseen = 6      !! lowest levels of halvings, in which the interrupt is not checked
-
-   !> The known shape of the path on an interval: dW, H and, if asked for, K and xi (nlane, nnoise); and the rest of its
-   !> areas if drawn in law (nlane, pairs of noises).
-   type :: path_shape
-      real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :), xi(:, :), rest(:, :)
-   end type path_shape
-
-   !> The draws of a halving: Z, N or M, D where K is known, and xi of the halves (nlane, nnoise).
-   type :: halving_draws
-      real(wp), allocatable :: z(:, :), n(:, :), d(:, :), xi_1(:, :), xi_2(:, :)
-   end type halving_draws
 
    !> An interval to be halved further: its place, the shape of the path on it, and the draws that halve it.
    type :: known_interval
@@ -258,7 +247,7 @@ contains
          call choose(odd, u2%xi_1, u1%xi_1)
          call choose(odd, u2%xi_2, u1%xi_2)
          whole = left
-         call halve(d, d%h*2.0_wp**(longer + 1), whole, u1, left, right)
+         call halve(d%asked%rate, d%h*2.0_wp**(longer + 1), whole, u1, left, right)
       end do
    end subroutine descend
 
@@ -298,10 +287,15 @@ contains
       integer :: last
 
       ! dW, H and K determine dZ, K, and areas in law.
-      call finest_interval(d, nlane, known%length, known%shape, interval)
+      call finest_interval(d, nlane, known%length, known%shape, interval, whole=.true.)
       last = known%level + levels_below(d, known%length)
       ! All functionals asked for are determined.
       if (last == known%level) return
+      ! J alone needs no intervals between the quarters and the whole.
+      if (.not. (d%asked%has(path_areas) .or. d%asked%has(path_decay))) then
+         call merge_quarters(d, nlane, path, known, interval%of(path_magnus)%x, drawn)
+         return
+      end if
       call merge_halves(d, nlane, path, last, known, whole, drawn)
       if (d%is_left()) return
       ! Keep dZ and K as drawn; the merged values equal them up to rounding.
@@ -309,6 +303,43 @@ contains
          call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
       if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
    end subroutine complete
+
+   !> Make J of an interval from its quarters: the values of merge_halves, without an interval for each of its parts.
+   subroutine merge_quarters(d, nlane, path, known, x, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane)
+      type(known_interval), intent(in) :: known
+      real(wp), intent(inout) :: x(:, :)
+      integer(i8), intent(inout) :: drawn
+      type(known_interval) :: first, second
+      type(path_shape) :: a, b
+      real(wp), allocatable :: w(:, :, :), hh(:, :, :), halves(:, :, :)
+
+      call number_pair(first, second, known%level + 1, known%index, known%length/2)
+      call halve(d%asked%rate, known%length, known%shape, known%u, first%shape, second%shape)
+      call draw_halving(d, nlane, path, known%index, first%level + 1, first%length, first%u, second%u, drawn)
+      allocate (w(nlane, d%nnoise, 4), hh(nlane, d%nnoise, 4), halves(nlane, d%nnoise, 2))
+      halves(:, :, 1) = first%shape%w
+      halves(:, :, 2) = second%shape%w
+      call halve(d%asked%rate, first%length, first%shape, first%u, a, b)
+      call keep(1)
+      call halve(d%asked%rate, second%length, second%shape, second%u, a, b)
+      call keep(3)
+      call magnus_of_quarters(nlane, d%nnoise, d%asked, first%length/2, w, hh, halves, x)
+
+   contains
+
+      subroutine keep(i)
+         integer, intent(in) :: i
+
+         w(:, :, i) = a%w
+         hh(:, :, i) = a%hh
+         w(:, :, i + 1) = b%w
+         hh(:, :, i + 1) = b%hh
+      end subroutine keep
+
+   end subroutine merge_quarters
 
    !> Make the functionals of an interval from those of its halves, down to the last level. The interrupt is checked
    !> when levels_unseen + 1 levels remain: often enough to stop soon, seldom enough to cost little.
@@ -327,7 +358,7 @@ contains
       if (d%is_left()) return
       call number_pair(first, second, known%level + 1, known%index, known%length/2)
       ! The caller made the draws of this halving together with those of the neighbouring interval.
-      call halve(d, known%length, known%shape, known%u, first%shape, second%shape)
+      call halve(d%asked%rate, known%length, known%shape, known%u, first%shape, second%shape)
       if (first%level == last) then
          call finest_interval(d, nlane, first%length, first%shape, left)
          call finest_interval(d, nlane, second%length, second%shape, right)
@@ -358,91 +389,30 @@ contains
    end subroutine number_pair
 
    !> Make an interval from its shape: dW itself, and each functional by its formula.
-   subroutine finest_interval(d, nlane, length, shape, interval)
+   subroutine finest_interval(d, nlane, length, shape, interval, whole)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       real(wp), intent(in) :: length
       type(path_shape), intent(in) :: shape
       type(path_interval), intent(out) :: interval
+      logical, intent(in), optional :: whole  !! a step, whose J is that of its quarters, and is not computed here
+      logical :: quartered
       integer :: f
 
+      quartered = .false.
+      if (present(whole)) quartered = whole
       call new_path_interval(interval, nlane, d%nnoise, length, d%asked)
       interval%w = shape%w
       do f = 1, nfunctional
          if (f == path_decay .and. d%asked%has(f)) then
             call decay_values(nlane, d%nnoise, length, d%asked%rate, shape%w, shape%hh, shape%kk, interval%of(f)%x, &
                               shape%xi)
-         else if (d%asked%has(f)) then
+         else if (d%asked%has(f) .and. .not. (quartered .and. f == path_magnus)) then
             call shape_values(f, d%asked, nlane, d%nnoise, length, shape%w, shape%hh, interval%of(f)%x, shape%kk, &
                               shape%rest)
          end if
       end do
    end subroutine finest_interval
-
-   !> Halve an interval of this length, whose xi, if it is asked for, determines a direction of the normals drawn.
-   pure subroutine halve(d, length, whole, drawn, left, right)
-      type(integral_draws), intent(in) :: d
-      real(wp), intent(in) :: length    !! length of the whole interval, with its sign [time]
-      type(path_shape), intent(in) :: whole
-      type(halving_draws), intent(in) :: drawn
-      type(path_shape), intent(out) :: left, right
-      type(halving_draws) :: u
-
-      if (.not. allocated(whole%xi)) then
-         call split(whole, drawn, left, right)
-         return
-      end if
-      u = drawn
-      call turn(size(whole%xi), length, d%asked%rate*length, whole%xi, u%z, u%n, u%d, u%xi_1, u%xi_2)
-      call split(whole, u, left, right)
-      call move_alloc(u%xi_1, left%xi)
-      call move_alloc(u%xi_2, right%xi)
-   end subroutine halve
-
-   !> Halve an interval by the formulas at the head. u%n holds N, or M if K is known: the part 15/2 K of N = 15/2 K + M
-   !> is then added to H_1 and H_2 as (15/4) K.
-   pure subroutine split(whole, u, left, right)
-      type(path_shape), intent(in) :: whole
-      type(halving_draws), intent(in) :: u
-      type(path_shape), intent(out) :: left, right
-
-      ! The second half is computed as the whole less the first, so that dW of both add up exactly.
-      left%w = 0.5_wp*whole%w + 1.5_wp*whole%hh + u%z
-      right%w = whole%w - left%w
-      left%hh = 0.25_wp*whole%hh - 0.5_wp*u%z
-      right%hh = left%hh - 0.5_wp*u%n
-      left%hh = left%hh + 0.5_wp*u%n
-      if (.not. allocated(whole%kk)) return
-      left%hh = left%hh + 3.75_wp*whole%kk
-      right%hh = right%hh - 3.75_wp*whole%kk
-      left%kk = 0.125_wp*whole%kk - 0.25_wp*u%n
-      right%kk = left%kk - 0.25_wp*u%d
-      left%kk = left%kk + 0.25_wp*u%d
-   end subroutine split
-
-   !> Move the normals of a halving so that their part along the direction of xi is xi.
-   pure subroutine turn(n, length, z, xi, zz, mm, dd, xi_1, xi_2)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: length, z   !! the whole interval's length [time], and gamma times it
-      real(wp), intent(in) :: xi(n)
-      real(wp), intent(inout), dimension(n) :: zz, mm, dd, xi_1, xi_2
-      real(wp) :: u(5), scale(5), missing(n)
-
-      u = decay_direction(z)
-      scale = sqrt(abs(length)*[1/16.0_wp, 1/192.0_wp, 1/180.0_wp, 0.0_wp, 0.0_wp])
-      scale(4:) = 1
-      missing = xi
-      call add_times(n, -u(1)/scale(1), zz, missing)
-      call add_times(n, -u(2)/scale(2), mm, missing)
-      call add_times(n, -u(3)/scale(3), dd, missing)
-      call add_times(n, -u(4), xi_1, missing)
-      call add_times(n, -u(5), xi_2, missing)
-      call add_times(n, u(1)*scale(1), missing, zz)
-      call add_times(n, u(2)*scale(2), missing, mm)
-      call add_times(n, u(3)*scale(3), missing, dd)
-      call add_times(n, u(4), missing, xi_1)
-      call add_times(n, u(5), missing, xi_2)
-   end subroutine turn
 
    !> Draw Z, N or M, and D for the halvings of the intervals 2*pair and 2*pair+1 of one length. The level keeps the
    !> halvings of intervals of different lengths apart.
