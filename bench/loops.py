@@ -35,6 +35,28 @@ def loop(scene, scheme, keep="nothing"):
     return _of_numbers(makers[scheme](s), scene.nnoise * (2 if scheme == "taylor" else 1), keep)
 
 
+def loop_of_increments(scene, scheme):
+    """A loop of one degree of freedom that reads its increments, run(dw, q0, p0, step), dw[path, step, noise]."""
+    s = scene.functions(compiled=_inlined)
+    makers = {"stormer_verlet": _verlet, "midpoint": _linear_midpoint if s.linear else _midpoint}
+    step_of = makers[scheme](s)
+
+    @numba.njit
+    def run(dw, q0, p0, step):
+        w, total = np.empty(dw.shape[2] + 1), 0.0
+        w[0] = step
+        for path in range(dw.shape[0]):
+            q, p = q0, p0
+            for i in range(dw.shape[1]):
+                for k in range(dw.shape[2]):
+                    w[k + 1] = dw[path, i, k]
+                q, p = step_of(w, i * step, q, p)
+            total += q
+        return total
+
+    return run
+
+
 # ---- loops over paths and steps ---------------------------------------------------------------------------------
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The library beside plain loops in numba."""
 
+import functools
 import importlib.util
 import math
 import re
@@ -30,6 +31,7 @@ GROUPS = {
     "saved1000": "1000 paths, every step saved",
     "given1": "1 path, increments given, beside those that the library draws",
     "given1000": "1000 paths, increments given, beside those that the library draws",
+    "given_loop": "1000 paths, increments given, beside a loop that reads them",
     "saved_unsaved": "1 path, every step saved, beside the library without",
     "moments": "1000 paths, moments at every step",
     "call": "µs of a call; the target is a bound of the library's",
@@ -104,6 +106,8 @@ def rows_that_save() -> Iterator[Row]:
     for paths, target in ((1, 1.5), (1000, 2.0)):  # if many, read twice: in the test for NaN, and in the run
         for name in ("kubo midpoint", "fpu64 stormer_verlet"):
             yield Row(f"given{paths}", name, paths, target, partial(given_or_own, name, paths))
+    for name in ("kubo midpoint", "synchrotron stormer_verlet", "pendulum stormer_verlet", "pendulum midpoint"):
+        yield Row("given_loop", name, 1000, 1.0, partial(given_to_both, name, 1000))
     for name in (*SAVED, "synchrotron midpoint", "cfunc synchrotron midpoint"):
         yield Row("saved_unsaved", name, 1, 1.5, partial(saved_or_not, name))
 
@@ -149,15 +153,35 @@ def saved_or_not(name: str) -> tuple[Run, Run]:
 def given_or_own(name: str, paths: int) -> tuple[Run, Run]:
     """Time increments drawn beforehand and given, and increments that the library draws."""
     scene, maker, scheme = found(name)
-    model, drawn = maker(), {}
+    model = maker()
+    return given(model, scheme, paths, scene.step), library(model, scheme, paths, scene.step)
 
-    def run(steps):
-        if steps not in drawn:
-            drawn.clear()
-            drawn[steps] = np.random.default_rng(1).normal(0, math.sqrt(scene.step), (steps, model.nnoise, paths))
-        library(model, scheme, paths, scene.step, increments=drawn[steps])(steps)
 
-    return run, library(model, scheme, paths, scene.step)
+def given(model: ss.Model, scheme: str, paths: int, step: float) -> Run:
+    """Runs with increments drawn beforehand, (step, noise, path)."""
+    of = drawn(step, model.nnoise, paths)
+    return lambda steps: library(model, scheme, paths, step, increments=of(steps))(steps)
+
+
+def drawn(step: float, noises: int, paths: int, path_first: bool = False) -> Callable[[int], np.ndarray]:
+    """Increments of so many steps, (step, noise, path) or (path, step, noise), drawn when their number changes."""
+
+    @functools.lru_cache(maxsize=1)
+    def of(steps):
+        dw = np.random.default_rng(1).normal(0, math.sqrt(step), (steps, noises, paths))
+        return np.ascontiguousarray(dw.transpose(2, 0, 1)) if path_first else dw
+
+    return of
+
+
+def given_to_both(name: str, paths: int) -> tuple[Run, Run]:
+    """Time the library and a loop with the same increments, each in the order that suits it."""
+    import loops  # noqa: PLC0415 - it needs numba
+
+    scene, maker, scheme = found(name)
+    model, run = maker(), loops.loop_of_increments(scene, scheme)
+    of = drawn(scene.step, model.nnoise, paths, path_first=True)
+    return given(model, scheme, paths, scene.step), lambda steps: run(of(steps), 0.2, 0.0, scene.step)
 
 
 def observed() -> tuple[Run, Run]:
