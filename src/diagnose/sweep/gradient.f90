@@ -46,7 +46,7 @@ module symsde_diagnose_sweep_gradient
       type(sweep_plan), pointer :: plan => null()
       real(wp), pointer, contiguous :: dw(:, :, :) => null()  !! prescribed increments, or null
       integer(i8), allocatable :: ends(:)                     !! number of steps before each piece, and of all pieces
-      type(ensemble_type) :: ensemble                         !! makes the steps of every piece
+      class(ensemble_type), allocatable :: ensemble           !! makes the steps of every piece
    contains
       procedure :: forward
       procedure :: backward
@@ -206,6 +206,7 @@ contains
          plan%fp => fp
          run%options%nstep = maxval(run%ends(2:) - run%ends(:npiece))
          plan%nstep = int(run%options%nstep)
+         allocate (run%ensemble)
          call new_ensemble(run%ensemble, run%model, run%scheme, run%options, from%q, from%p, observer, error, &
                            run%rows(0_i8, run%options%nstep))
          if (.not. allocated(error)) call tell_warnings(run%monitor, run%ensemble%report%warnings, error)

@@ -62,7 +62,7 @@ module symsde_step_hamiltonian_one_step
       real(wp), allocatable :: drag(:, :, :)  !! Fhat_p where forces act (nlane, ndof, ndof), or its bands
       type(constant_mass), allocatable :: mass  !! H = p.M^-1 p/2 + U(q), noise in position: Hhat_p = h M^-1 p
       type(counters_type) :: counters
-      type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
+      class(modified_hamiltonian), allocatable :: modified !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: factor(:)     !! factor of the product of gradients (nlane)
       type(algebra_work), private :: work

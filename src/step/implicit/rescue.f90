@@ -49,7 +49,7 @@ module symsde_step_implicit_rescue
       integer :: correction = 0
       integer :: max_iter = 0
       type(damping_type) :: damping
-      type(general_stepper), allocatable :: stepper  !! made when the first path needs it
+      class(general_stepper), allocatable :: stepper !! made when the first path needs it
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! data of eight lanes
       real(wp), allocatable :: part(:, :)     !! a fraction of the weights w
       type(counters_type) :: counters         !! counts of the work, and of rescued path-steps

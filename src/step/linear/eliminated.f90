@@ -62,7 +62,7 @@ module symsde_step_linear_eliminated
       type(tableau_decays) :: decays
       type(step_coefficients) :: of, by_rate
       type(one_step_hamiltonian) :: own           !! Hamiltonian of the path's model
-      type(general_stepper), allocatable :: stages
+      class(general_stepper), allocatable :: stages
       type(block_solver) :: solver
       real(wp), allocatable :: w(:, :, :)         !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable :: at(:, :, :)        !! Q_l (nlane, ndof, nstage)

@@ -44,7 +44,7 @@ module symsde_step_linear_tableau
       real(wp), allocatable :: c(:)          !! nodes (nstage)
       real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :)  !! (.., npart)
       type(tableau_decays) :: decays
-      type(general_stepper), allocatable :: stages   !! finds slopes; its model is the path's own
+      class(general_stepper), allocatable :: stages  !! finds slopes; its model is the path's own
       type(block_solver) :: solver
       real(wp), allocatable :: w(:, :, :)    !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable :: slope(:, :, :, :)  !! F and G (nlane, 2 ndof, nstage, npart)

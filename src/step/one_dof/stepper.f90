@@ -46,7 +46,7 @@ module symsde_step_one_dof_stepper
    type, extends(stepper_type) :: one_dof_stepper
       private
       type(one_dof_newton) :: solver
-      type(last_lanes), allocatable :: few         !! allocated for larger blocks
+      class(last_lanes), allocatable :: few        !! allocated for larger blocks
    contains
       procedure :: make
       procedure :: increment
@@ -116,18 +116,18 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       type(step_record) :: gathered
 
-      associate (solver => self%solver, few => self%few)
+      associate (solver => self%solver)
          call solver%begin(self%ham, step, q, p, status)
          do while (solver%newton%running)
             if (allocated(self%few) .and. solver%newton%nrunning <= few_lanes) exit
             call solver%iterate(self%ham, step, q, p, status)
          end do
          if (solver%newton%running) then
-            call gather(few, self%ham, solver, step, q, p, status, gathered)
-            do while (few%solver%newton%running)
-               call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
+            call gather(self%few, self%ham, solver, step, q, p, status, gathered)
+            do while (self%few%solver%newton%running)
+               call self%few%solver%iterate(self%few%ham, gathered, self%few%q, self%few%p, self%few%status)
             end do
-            call scatter(few, self%ham, solver, status)
+            call scatter(self%few, self%ham, solver, status)
          end if
          call solver%add_up(p, dq, dp)
       end associate
