@@ -310,7 +310,7 @@ contains
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane)
       type(known_interval), intent(in) :: known
-      real(wp), intent(inout) :: x(:, :)
+      real(wp), allocatable, intent(inout) :: x(:, :)  !! (nlane, pairs of noises)
       integer(i8), intent(inout) :: drawn
       type(known_interval) :: first, second
       type(path_shape) :: a, b
