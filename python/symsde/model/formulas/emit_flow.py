@@ -125,6 +125,7 @@ def _step_sizes(scheme: str, *, linear: bool = False) -> str:
     kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
     sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
     sizes += f"#define STEP_WIDTH {KICKS.get(scheme, 1)}\n"
+    sizes += f"#define STEP_GROUP {'(GROUP < 2 ? GROUP : 2)' if scheme == 'chin4a' else 'GROUP'}\n"
     sizes += f"#define STEP_WEIGH {'weigh_three' if scheme == 'chin4a' else 'weigh_two'}\n"
     sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
     return sizes + f"#define STEP_LINEAR {int(linear)}\n"

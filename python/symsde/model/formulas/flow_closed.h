@@ -77,12 +77,12 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 }
 #endif
 
-/* Steps from x to y; if lanes may be far, x and y are different arrays, so that steps can be repeated. */
+/* Steps from x to y: STEP_GROUP or one, or any number of a single path. If lanes may be far, x and y are different
+ * arrays, so that steps can be repeated. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
-   const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, STEP_WIDTH * NHAM, w, 1, c, h FADE, x, y)
-                          : lanes == 1     ? STEP_alone(steps, stride, LANE_OF, x, y)
-                          : steps == GROUP ? STEP_in_lanes(lanes, GROUP, stride, LANE_OF, x, y, 0)
-                                           : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);
+   const int64_t beyond = n == 1                ? STEP_alone(steps, STEP_WIDTH * NHAM, w, 1, c, h FADE, x, y)
+                          : steps == STEP_GROUP ? STEP_in_lanes(lanes, STEP_GROUP, stride, LANE_OF, x, y, 0)
+                                                : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);
    if (MAY_BE_FAR && beyond < 0)
       STEP_far(lanes, steps, stride, LANE_OF, x, y);
 }

@@ -2,12 +2,12 @@
 /* Steps of a strip in place, by weights of a few steps at a time. */
 static void STEP_strip(const int lanes, const int nstep, const double *restrict z, const double *restrict kk,
                        const double *restrict law, LANE_IN, double *restrict x) {
-   enum { FEW = 64, ROWS = STEP_WIDTH * NHAM, MOST = STRIP * GROUP > FEW ? STRIP * GROUP : FEW };
+   enum { FEW = 64, ROWS = STEP_WIDTH * NHAM, MOST = STRIP * STEP_GROUP > FEW ? STRIP * STEP_GROUP : FEW };
    double u[ROWS * MOST], other[STEP_ROWS * STRIP];
    const ptrdiff_t m = lanes; /* rows of weights beside each other stay in cache */
    double *from = x, *to = MAY_BE_FAR ? other : x;
    for (int step = 0; step < nstep;) {
-      const int left = nstep - step, some = lanes == 1 ? (left < FEW ? left : FEW) : left >= GROUP ? GROUP : 1;
+      const int left = nstep - step, some = lanes == 1 ? (left < FEW ? left : FEW) : left >= STEP_GROUP ? STEP_GROUP : 1;
       for (int j = 0; j < some; j++, step++)
          STEP_WEIGH(lanes, h, w + step * NHAM * n, z + step * (NHAM - 1) * n, kk + step * (NHAM - 1) * n, n, law,
                     u + j * ROWS * m, m);
