@@ -15,7 +15,7 @@ if(SKBUILD)
    set(_beside symsde)
    target_compile_options(symsde PRIVATE -march=x86-64-v2)  # what NumPy's wheels need, too
    # Processors without AVX2 are from before 2013, or small. Their variant is a fifth smaller in a wheel with -O2, which
-   # comes behind the other flags, and takes 1.2 to 2.1 of the time; pip compiles a fast one. It rounds every product, so
+   # comes behind the other flags, and takes 1.2 to 2.1 of the time; pip compiles a fast one. It rounds products, so
    # its bits are the same.
    add_library(symsde_compact INTERFACE)
    target_compile_options(symsde_compact INTERFACE -O2)
