@@ -123,6 +123,18 @@ def test_products_of_gradients(scheme):
     assert max(defects) < 1e-13
 
 
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "chin4a", "gauss_dkdkd_strong2"])
+def test_kicks_between_drifts_that_decay(scheme):
+    """Momenta decay in drifts, and weights of noises change with the rate."""
+    for make, name in ((pendulum, "sigma"), (coupled, "a")):
+        require_gradient(lambda **x: make(**x).damped(0.5), "q_1**2 + p_1", [name], scheme=scheme, steps=10)  # noqa: B023
+        maps = ss.tangent(make().damped(0.5), **RUN | {"scheme": scheme, "steps": 10})
+        assert maps.defect(np.exp(-0.5 * 10 * RUN["step"])).max() < 1e-13
+    for damping in ([0.5, 0.2], [[0.5, 0.1], [0.1, 0.5]]):
+        with pytest.raises(IncompatibleError, match="decay by several rates"):
+            ss.gradient(coupled().damped(damping), "q_1", **RUN, scheme=scheme)
+
+
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
 def test_damped(scheme):
     """Damped momenta, whose decays differ between stages."""

@@ -5,6 +5,9 @@
 !>    x <- x + tau_i M^-1 y           c <- c + tau_i M^-1 u
 !>    y <- y - f_i(x)                 u <- u - f_i,x c,          f_i = grad(b_i h U + sum_k w_ik H_k)
 !>
+!> (where momenta decay by one rate, x <- x + phi_i M^-1 y, y <- E_i y and c <- E_i c + phi_i M^-1 u with
+!> E_i = exp(-gamma tau_i), phi_i = (1 - E_i)/gamma)
+!>
 !> for i = 1 .. s, and a last drift. The points x_i of the kicks are found again from the state before the step. Weights
 !> are those of the forward step (step/splitting/coefficients), with dZ and K of the path.
 !>
@@ -20,6 +23,7 @@ module symsde_step_linear_kicks
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
+   use symsde_noise_decay_law, only: decay_integral
    use symsde_scheme_kicks, only: flow_free
    use symsde_scheme_scheme, only: correction_none, splitting_form
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -34,6 +38,7 @@ module symsde_step_linear_kicks
       private
       type(kick_weights) :: weights
       real(wp), allocatable :: tau(:)        !! drifts before each kick and behind the last, as parts of the step
+      real(wp) :: rate = 0                   !! gamma
       logical :: by_h = .false.              !! the mass is the identity
       real(wp), allocatable :: w(:, :)       !! weights of a drift: tau and zero (nlane, 0:nnoise)
       real(wp), allocatable :: x(:, :, :)    !! points of the kicks (nlane, ndof, nkick)
@@ -60,8 +65,8 @@ contains
       if (task%scheme%form /= splitting_form) return
       if (task%scheme%kicks%flow /= flow_free) then
          why = 'has rotations or midpoint steps between its kicks'
-      else if (task%damping%acts()) then
-         why = 'has drifts that decay'
+      else if (task%damping%acts() .and. (task%scheme%kicks%is_word() .or. .not. task%damping%is_scalar())) then
+         why = 'has momenta that decay by several rates, or at kicks'
       else if (allocated(task%model%traits%quadratic_part)) then
          why = 'has drifts that couple positions and momenta'
       else if (.not. (wide%traits%separable .and. wide%traits%position_noise)) then
@@ -86,6 +91,7 @@ contains
       self%ndof = n
       self%nwide = wide%traits%ndof
       self%by_h = task%model%traits%identity_mass
+      if (task%damping%acts()) self%rate = task%damping%rate(1)
       call new_kick_weights(self%weights, task%scheme%kicks, task%model%traits, task%damping, task%damping_noise, nlane)
       associate (c => task%scheme%kicks%c)
          allocate (self%tau(size(c) + 1))
@@ -119,13 +125,15 @@ contains
 
       call find_points(self, step, q0, p0)
       last = size(self%tau)
-      call drift(self, step, self%tau(last), u(:, :self%ndof), c)
+      call fade(self, step, last, c)
+      call drift(self, step, last, u(:, :self%ndof), c)
       do i = last - 1, 1, -1
          self%vq(:, :self%ndof) = c
          self%vq(:, self%ndof + 1:) = 0
          call product_at(self, step, i)
          u = u - self%uq
-         call drift(self, step, self%tau(i), u(:, :self%ndof), c)
+         call fade(self, step, i, c)
+         call drift(self, step, i, u(:, :self%ndof), c)
       end do
    end subroutine back
 
@@ -142,7 +150,8 @@ contains
       call find_points(self, step, q0, p0)
       do j = 1, m
          do i = 1, size(self%tau)
-            call drift(self, step, self%tau(i), vp(:, :, j), vq(:, :self%ndof, j))
+            call drift(self, step, i, vp(:, :, j), vq(:, :self%ndof, j))
+            call fade(self, step, i, vp(:, :, j))
             if (i == size(self%tau)) exit
             self%vq = vq(:, :, j)
             call product_at(self, step, i)
@@ -163,7 +172,8 @@ contains
       do i = 1, size(self%tau) - 1
          if (i == 1) self%x(:, :, i) = q0
          if (i > 1) self%x(:, :, i) = self%x(:, :, i - 1)
-         call drift(self, step, self%tau(i), self%y, self%x(:, :, i))
+         call drift(self, step, i, self%y, self%x(:, :, i))
+         call fade(self, step, i, self%y)
          self%q(:, :self%ndof) = self%x(:, :, i)
          call self%ham%bare_gradient(self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, self%p, &
                                      hq=self%uq)
@@ -204,7 +214,9 @@ contains
          end if
          do colour = 1, merge(colours%n, 0, weights%multiplies(i))
             self%of_f = 0
-            self%of_f(:, colours%noise(colours%from(colour) + 1:colours%from(colour + 1))) = 1
+            do l = colours%from(colour) + 1, colours%from(colour + 1)
+               self%of_f(:, colours%noise(l)) = 1
+            end do
             self%of_g = (weights%c*h*abs(h))*self%of_f
             do l = 1, merge(self%ham%nnoise, 0, kicks%samples)
                self%of_g(:, l) = 0
@@ -242,16 +254,28 @@ contains
       self%uq = self%uq + factor*self%rq
    end subroutine add_product
 
-   !> to <- to + tau M^-1 v: of points by momenta, of tangent vectors, and of covectors by those of q.
-   subroutine drift(self, step, tau, v, to)
+   !> to <- to + phi M^-1 v over drift i: of points by momenta, of tangent vectors, and of covectors by those of q.
+   subroutine drift(self, step, i, v, to)
       type(kicks_step), intent(inout) :: self
       type(step_record), intent(in) :: step
-      real(wp), intent(in) :: tau                 !! as a part of the step
+      integer, intent(in) :: i
       real(wp), intent(in) :: v(:, :)             !! (nlane, ndof)
       real(wp), intent(inout) :: to(:, :)         !! (nlane, ndof)
+      real(wp) :: tau
 
-      if (abs(tau) > 0) call add_by_mass(self, step%t, tau*step%h, v, to)
+      tau = self%tau(i)*step%h
+      if (abs(tau) > 0) call add_by_mass(self, step%t, tau*decay_integral(1.0_wp, self%rate*tau), v, to)
    end subroutine drift
+
+   !> x <- exp(-gamma tau) x: momenta over drift i, their tangent vectors and covectors.
+   pure subroutine fade(self, step, i, x)
+      type(kicks_step), intent(in) :: self
+      type(step_record), intent(in) :: step
+      integer, intent(in) :: i
+      real(wp), intent(inout) :: x(:, :)          !! (nlane, ndof)
+
+      if (abs(self%rate) > 0) x = exp(-self%rate*(self%tau(i)*step%h))*x
+   end subroutine fade
 
    !> to <- to + factor M^-1 v
    subroutine add_by_mass(self, t, factor, v, to)
