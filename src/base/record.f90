@@ -72,9 +72,10 @@ module symsde_base_record
    type :: step_store
       integer :: nlane = 0, nnoise = 0
       integer :: capacity = 0                       !! steps that fit, an even number
+      integer :: ring = 0                           !! steps whose weights are held; later ones replace them
       real(wp) :: h = 0                         !! length of every step [time]
       type(functional_set) :: asked             !! the functionals that are filled
-      real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:capacity-1)
+      real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:ring-1)
       type(functional_steps) :: of(nfunctional)
    contains
       procedure :: make_room
@@ -94,14 +95,16 @@ module symsde_base_record
 contains
 
    !> Allocate steps of nlane lanes: all zero except h.
-   subroutine new_step_store(self, nlane, nnoise, capacity, h, asked)
+   subroutine new_step_store(self, nlane, nnoise, capacity, h, asked, ring)
       type(step_store), intent(out) :: self
       integer, intent(in) :: nlane, nnoise
       integer, intent(in) :: capacity           !! steps, an even number
       real(wp), intent(in) :: h             !! step with its sign [time]
       type(functional_set), intent(in) :: asked
+      integer, intent(in), optional :: ring     !! steps whose weights are held at once; all by default
 
       call describe_step_store(self, nlane, nnoise, capacity, h, asked)
+      if (present(ring)) self%ring = ring
       call self%make_room()
    end subroutine new_step_store
 
@@ -115,6 +118,7 @@ contains
       self%nlane = nlane
       self%nnoise = nnoise
       self%capacity = capacity
+      self%ring = capacity
       self%h = h
       self%asked = asked
    end subroutine describe_step_store
@@ -125,8 +129,8 @@ contains
       integer :: i, ncolumn
 
       if (allocated(self%w)) return
-      allocate (self%w(self%nlane, 0:self%nnoise, 0:self%capacity - 1))
-      call set_to(self%h, self%nlane, self%nnoise + 1, self%capacity, self%w)
+      allocate (self%w(self%nlane, 0:self%nnoise, 0:self%ring - 1))
+      call set_to(self%h, self%nlane, self%nnoise + 1, self%ring, self%w)
       do i = 1, nfunctional
          if (.not. self%asked%has(i)) cycle
          ncolumn = self%asked%count_of(i, self%nnoise)
@@ -159,7 +163,7 @@ contains
 
       step%t = t
       step%h = self%h
-      step%w(1:, 0:) => self%w(:, :, i)
+      step%w(1:, 0:) => self%w(:, :, mod(i, self%ring))
       if (self%asked%is_empty()) return
       do f = 1, nfunctional
          if (self%asked%has(f)) step%of(f)%x => self%of(f)%x(:, :, i)

@@ -119,17 +119,22 @@ contains
       call in_pieces(run, from, observer, report, error)
    end subroutine path_gradient
 
-   !> Choose narrower blocks if all steps of a run fit into memory then: a second way forward would take longer. Lanes
-   !> change no bit.
+   !> Choose narrower blocks if the steps of a run stay near the processor then, or if all steps fit into memory then: a
+   !> second way forward would take longer. Lanes change no bit.
    subroutine narrow_blocks(options, plan)
       type(run_options), intent(inout) :: options
       type(sweep_plan), intent(in) :: plan
+      integer, parameter :: handy = 128  !! lanes below which blocks take longer than memory that is further away
       integer, parameter :: least = 64   !! lanes below which blocks take longer than a second way forward
+      real(wp), parameter :: near = 2.5e5_wp   !! numbers of a block that stay near
       type(run_options) :: narrower
 
       if (options%nlane /= 0) return
+      options%nlane = choose_nlane(options, plan%model)
+      do while (options%nlane >= 2*handy .and. real(options%nstep, wp)*options%nlane*numbers_of_step(plan) > near)
+         options%nlane = padded(options%nlane/2)
+      end do
       narrower = options
-      narrower%nlane = choose_nlane(options, plan%model)
       do while (narrower%nlane >= 2*least .and. options%nstep > steps_at_once(narrower, plan))
          narrower%nlane = padded(narrower%nlane/2)
       end do

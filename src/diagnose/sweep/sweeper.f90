@@ -3,8 +3,9 @@
 !> tangent vectors forward.
 !>
 !> Steps are taken forward by the stepper of the run, with its bits. States, increments and functionals are kept, n + 1
-!> states and n steps of a block. At the end of the piece the covectors come from the later piece of the same paths, or
-!> are zero; at each saved time the derivatives of f by the state are added.
+!> states and n steps of a block, and the weights of the two steps that were shown last. At the end of the piece the
+!> covectors come from the later piece of the same paths, or are zero; at each saved time the derivatives of f by the
+!> state are added.
 !>
 !> Tangent vectors v <- F_z v + F_theta dtheta grow like exp(lambda t). For Lyapunov exponents they are made orthonormal
 !> every few steps, v = Q R, and the logarithms of the diagonal of R are summed.
@@ -66,6 +67,7 @@ module symsde_diagnose_sweep_sweeper
       class(model_type), pointer, private :: view => null()   !! the model, or a view that knows the paths of a block
       class(linear_step), allocatable, private :: step
       type(step_store), private :: store
+      real(wp), allocatable, private :: dw(:, :, :)              !! increments (nlane, nnoise, 0:nstep - 1)
       real(wp), allocatable, private :: q(:, :, :), p(:, :, :)   !! states (nlane, ndof, 0:nstep)
       real(wp), allocatable, private :: u(:, :), c(:, :)
       integer, private :: nlane = 0, nreal = 0
@@ -89,7 +91,7 @@ contains
       type(sweep_plan), intent(in) :: plan
 
       associate (t => plan%model%traits)
-         numbers_of_step = merge(t%ndof, 2*t%ndof, plan%by_position) + 1 + plan%asked%columns(t%nnoise)
+         numbers_of_step = merge(t%ndof, 2*t%ndof, plan%by_position) + plan%asked%columns(t%nnoise)
       end associate
    end function numbers_of_step
 
@@ -105,8 +107,10 @@ contains
             self%nlane = padded(nlane)
             allocate (self%q(self%nlane, n, 0:plan%nstep), self%p(self%nlane, n, 0:plan%nstep))
             allocate (self%u(self%nlane, n + size(plan%theta, 2)), self%c(self%nlane, n))
-            call new_step_store(self%store, self%nlane, plan%model%traits%nnoise, max(2, plan%nstep), plan%h, &
-                                plan%asked)
+            associate (m => plan%model%traits%nnoise)
+               allocate (self%dw(self%nlane, m, 0:plan%nstep - 1))
+               call new_step_store(self%store, self%nlane, m, max(2, plan%nstep), plan%h, plan%asked, ring=2)
+            end associate
             if (.not. associated(self%view)) self%view => plan%model
             call new_linear_step(self%step, plan%task, self%view, plan%wide, plan%nrate, plan%h, self%nlane)
          end if
@@ -136,7 +140,7 @@ contains
 
       do i = 1, ntaken
          at = int(steps%first - self%plan%first) + i - 1
-         call copy_lanes(steps%nlane, self%nlane, steps%nnoise, steps%w(:, 1:, i), self%store%w(:, 1:, at))
+         call copy_lanes(steps%nlane, self%nlane, steps%nnoise, steps%w(:, 1:, i), self%dw(:, :, at))
          do f = 1, size(steps%of)
             if (.not. self%store%asked%has(f)) cycle
             call copy_lanes(steps%nlane, self%nlane, size(steps%of(f)%x, 2), steps%of(f)%x(:, :, i), &
@@ -157,6 +161,16 @@ contains
          to(nlane + 1:, k) = x(nlane, k)
       end do
    end subroutine copy_lanes
+
+   !> Show step i of the piece; the record is valid until the next but one is shown.
+   subroutine show_step(self, i, step)
+      type(sweep_observer), intent(inout), target :: self
+      integer, intent(in) :: i                !! 0 .. nstep-1
+      type(step_record), intent(inout) :: step
+
+      call self%store%show(i, self%plan%t0 + real(self%plan%first + i, wp)*self%plan%h, step)
+      step%w(:, 1:) = self%dw(:, :, i)
+   end subroutine show_step
 
    subroutine observe(self, isave, t, state)
       class(sweep_observer), intent(inout) :: self
@@ -247,7 +261,7 @@ contains
             vq(:, ndof + j, m - (nrow - ndof) + j) = 1
          end do
          do k = 1, plan%nstep
-            call self%store%show(k - 1, plan%t0 + real(plan%first + k - 1, wp)*plan%h, step)
+            call show_step(self, k - 1, step)
             call self%step%forth(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), m, &
                                  vq, vp, status)
             if (plan%turn == 0) cycle
@@ -332,8 +346,8 @@ contains
             end if
             if (k == 0) exit
             if (k < ready) call self%step%prepare(k, plan%nstep, plan%t0 + real(plan%first + k, wp)*plan%h, plan%h, &
-                                                  self%store%w, self%q, ready)
-            call self%store%show(k - 1, plan%t0 + real(plan%first + k - 1, wp)*plan%h, step)
+                                                  self%dw, self%q, ready)
+            call show_step(self, k - 1, step)
             call self%step%back(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), &
                                 self%u, self%c, status)
          end do

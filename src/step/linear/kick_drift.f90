@@ -123,11 +123,11 @@ contains
    end subroutine new_kick_drift
 
    !> Compute Hhat_qq at the next states that kicks are taken back at. Where fewer are left, the first is repeated.
-   subroutine prepare(self, k, nstep, t, h, w, q, ready)
+   subroutine prepare(self, k, nstep, t, h, dw, q, ready)
       class(kick_drift_step), intent(inout) :: self
       integer, intent(in) :: k, nstep
       real(wp), intent(in) :: t, h
-      real(wp), intent(in) :: w(self%nlane, 0:self%ham%nnoise, 0:nstep - 1)
+      real(wp), intent(in) :: dw(self%nlane, self%ham%nnoise, 0:nstep - 1)
       real(wp), intent(in) :: q(self%nlane, self%ndof, 0:nstep)
       integer, intent(out) :: ready
       integer :: i, j, state, from
@@ -149,8 +149,8 @@ contains
          state = max(1, self%low + j)
          from = self%nlane*j
          do i = 1, self%ham%nnoise
-            self%ahead_w(from + 1:from + self%nlane, i) = self%part(2)*w(:, i, state - 1) + &
-                                                          self%part(1)*w(:, i, min(state, nstep - 1))
+            self%ahead_w(from + 1:from + self%nlane, i) = self%part(2)*dw(:, i, state - 1) + &
+                                                          self%part(1)*dw(:, i, min(state, nstep - 1))
          end do
          do i = 1, self%ndof
             self%ahead_q(from + 1:from + self%nlane, i) = q(:, i, state)

@@ -67,11 +67,11 @@ contains
 
    !> Compute ahead what the steps that end at the states ready .. k need, which are taken back next; this default
    !> computes nothing.
-   subroutine nothing_ahead(self, k, nstep, t, h, w, q, ready)
+   subroutine nothing_ahead(self, k, nstep, t, h, dw, q, ready)
       class(linear_step), intent(inout) :: self
       integer, intent(in) :: k, nstep                                !! state, of 0 .. nstep
       real(wp), intent(in) :: t, h                                   !! time of state k, and the step
-      real(wp), intent(in) :: w(self%nlane, 0:self%ham%nnoise, 0:nstep - 1)
+      real(wp), intent(in) :: dw(self%nlane, self%ham%nnoise, 0:nstep - 1)
       real(wp), intent(in) :: q(self%nlane, self%ndof, 0:nstep)
       integer, intent(out) :: ready
 
