@@ -39,6 +39,7 @@ TOPICS = {
     "open": "open_systems",
     "brought": "brought",
     "sweeps": "sweeps",
+    "gradients": "gradients",
 }
 
 

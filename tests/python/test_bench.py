@@ -281,3 +281,32 @@ def test_tables_of_brought_scenes_judge_each_row():
     assert "symsde gauss_dkdkd | 1e+03* " in first and "met" not in first and "missed" not in first
     assert "| 1.1   | <= 1.2 | met" in second
     assert "| 1.1   | <= 1   | missed" in third
+
+
+def test_adjoint_by_hand_has_the_gradients_of_the_library():
+    """On the same increments, path by path; its means are those of its own normals."""
+    pytest.importorskip("numba"), pytest.importorskip("sympy")
+    from peers import adjoint
+    from topics import gradients
+
+    how = {**gradients.START, "step": gradients.STEP, "steps": 50, "paths": 2, "scheme": "stormer_verlet"}
+    dw = 0.1 * np.cos(0.03 * np.arange(100.0)).reshape(50, 1, 2)
+    found = ss.gradient(gradients.model(), "q**2", ["k", "sigma"], **how, increments=dw)
+    values, room = (*gradients.START.values(), gradients.K, gradients.SIGMA, gradients.STEP), np.empty((2, 51))
+    for i in range(2):
+        mine = adjoint.swept(np.ascontiguousarray(dw[:, 0, i]), *room, *values)
+        np.testing.assert_allclose(mine, [found.f[i], *(found.by_path[x][i] for x in ("k", "sigma"))], rtol=1e-11)
+    drawn = math.sqrt(gradients.STEP) * np.random.default_rng(5).standard_normal(50)
+    mean = adjoint.run(np.random.default_rng(5), *values, 50, 1)
+    np.testing.assert_allclose(mean, adjoint.swept(drawn, *room, *values), rtol=1e-11)
+
+
+def test_table_of_gradients_judges_its_rows():
+    """A gradient in forward runs, and a share of each peer's time."""
+    from topics import gradients
+
+    ns = {name: 10.0 for scheme in gradients.SCHEMES for name in (scheme, f"{scheme} forward")}
+    ns |= {"stormer_verlet forward": 3.0, "numba, by hand": 9.0, "diffrax RecursiveCheckpointAdjoint": 600.0}
+    text = gradients.section({"ns": ns, "versions": ["numba 1"], "date": "2026-01-01", "cpu": "cpu"})
+    first, *_, numba, diffrax = text.splitlines()[-7:]
+    assert "3.33" in first and "missed" in first and "| 1.1 " in numba and "missed" in numba and "met" in diffrax

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gradients by the exact adjoint of every step, beside the forward run and beside other packages."""
+
+import datetime
+import json
+import shlex
+import subprocess
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import symsde as ss
+from symsde.studies.pages import wrapped
+from timing import in_turn
+
+from . import machine
+from .strong import numba_version
+from .tools import ABSENT, Setting, at_most, table
+
+PEER = Path(__file__).resolve().parents[1] / "peers" / "adjoint_package.py"
+K, SIGMA, START, STEP = 1.3, 0.4, {"q0": 0.7, "p0": 0.3}, 0.01
+STEPS, PATHS = 1000, 1000
+SCHEMES = ("stormer_verlet", "gauss_dkdkd", "chin4a", "midpoint", "gauss2")
+FORWARD = {"stormer_verlet": 2.7}  #: forward runs that a gradient may take
+#: row -> share of its time that the library's stormer_verlet may take
+SHARES = {"numba, by hand": 1.0, "diffrax RecursiveCheckpointAdjoint": 1 / 40}
+
+
+def model() -> ss.Model:
+    """The noisy pendulum."""
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["sigma*sin(q)"], params={"k": K, "sigma": SIGMA})
+
+
+def measure(setting: Setting) -> dict:
+    """All rows, in ns of a path-step; peers that are absent are left out."""
+    runs = {}
+    for scheme in SCHEMES:
+        how = {**START, "step": STEP, "steps": STEPS, "paths": PATHS, "seed": 1, "threads": 1, "scheme": scheme}
+        runs[scheme] = partial(ss.gradient, model(), "q**2", ["k", "sigma"], **how)
+        runs[f"{scheme} forward"] = partial(ss.simulate, model(), **how, save_every=STEPS)
+    if numba_version():
+        from peers import adjoint  # noqa: PLC0415
+
+        start = START["q0"], START["p0"]
+        runs["numba, by hand"] = partial(adjoint.run, np.random.default_rng(1), *start, K, SIGMA, STEP, STEPS, PATHS)
+    for run in runs.values():
+        run()  # compile
+    times = in_turn(runs.values(), max(3, setting.repeats))
+    found = {name: 1e9 * min(x) / (STEPS * PATHS) for name, x in zip(runs, times, strict=True)}
+    peer = asked(setting)
+    found |= {f"diffrax {name}": ns for name, ns in (peer or {"ns": {}})["ns"].items()}
+    versions = [*([peer["version"]] if peer else []), *numba_version()]
+    told = {"date": datetime.date.today().isoformat(), "cpu": machine.describe(setting)["cpu"]}
+    return {**told, "versions": versions, "ns": found}
+
+
+def asked(setting: Setting) -> dict | None:
+    """What diffrax takes, from a process of its own; None if it is not installed."""
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder) / "answer.json"
+        command = [*shlex.split(setting.python), str(PEER), str(answer)]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            print(f"diffrax: skipped ({done.stderr.strip().splitlines()[-1:]})")
+            return None
+        return json.loads(answer.read_text())
+
+
+ABOUT = """$d/dk$ and $d/d\\sigma$ of $E\\,q(T)^2$ for the noisy pendulum, $H = p^2/2 - k \\cos q$ and
+$H_1 = \\sigma \\sin q$, by formula: 1000 steps of 1000 paths, ns of processor time for a step of a path on one thread,
+the least of repeats. *Forward* is the run without derivatives. In numba the adjoint of stormer_verlet is written by
+hand, with -ffast-math (`bench/peers/adjoint.py`); diffrax steps Heun's rule. *Share* is the time of the library's
+stormer_verlet over that of the row."""
+
+
+def section(found: dict) -> str:
+    """Write the section."""
+    ns, cells = found["ns"], []
+    for scheme in SCHEMES:
+        over = ns[scheme] / ns[f"{scheme} forward"]
+        judged = at_most(over, FORWARD.get(scheme))
+        cells.append([f"symsde {scheme}", *figures(ns[scheme], ns[f"{scheme} forward"], over), "", *judged])
+    for name in ns:
+        if name.partition(" ")[0] not in SCHEMES:
+            share = ns["stormer_verlet"] / ns[name]
+            cells.append([name, f"{ns[name]:.3g}", "", "", f"{share:.2g}", *at_most(share, SHARES.get(name))])
+    heads = ["gradient", "ns of a path-step", "forward", "gradient/forward", "share", "target", ""]
+    measured_with = ", ".join(found["versions"]) or f"peers: {ABSENT}"
+    about = wrapped(f"{ABOUT} Measured on {found['date']}, {found['cpu']}: {measured_with}.")
+    return "\n\n".join(["## Gradients", about, table(heads, cells)])
+
+
+def figures(*numbers: float) -> list[str]:
+    """Numbers with three digits."""
+    return [f"{x:.3g}" for x in numbers]
