@@ -13,7 +13,7 @@ from ..native import abi
 from ..native.build import build_info
 from ..native.handles import status_text
 from ..run.moments import Moments
-from ..run.observers.partial_statistics import PartialStatistics
+from ..run.observers.partial_statistics import GroupStatistics, PartialStatistics
 from ..run.report import Report
 from ..run.setup import make_setup
 from ..run.simulate import Run
@@ -54,7 +54,7 @@ class MomentsInWork:
                 found[name] = PartialStatistics(*both, room.answers)
             else:
                 answers = room.answers // len(room.groups) * len(groups.numbers)
-                found[name] = PartialStatistics(*both, answers, groups.numbers)
+                found[name] = GroupStatistics(*both, answers, groups.numbers)
         return found
 
     def result(self, seconds: float = 0.0, threads: int = 1, missing: int = 0) -> Moments:

@@ -7,6 +7,7 @@ import ctypes
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,13 +26,18 @@ class PartialStatistics:
     counts: np.ndarray
     sums: np.ndarray
     answers: int  #: count of numbers in the observer's answer
-    groups: np.ndarray | None = (
-        None  #: numbers of the groups whose integers and sums follow each other; None: no groups
-    )
+    groups: ClassVar[np.ndarray | None] = None
 
     def copy(self) -> PartialStatistics:
         """A copy with its own arrays."""
         return dataclasses.replace(self, counts=self.counts.copy(), sums=self.sums.copy())
+
+
+@dataclass
+class GroupStatistics(PartialStatistics):
+    """Integers and sums of one observer for groups of paths, one group after the other."""
+
+    groups: np.ndarray  #: (group,), numbers of the groups, ascending
 
     def rows(self) -> list[PartialStatistics]:
         """The statistics of each group."""
@@ -58,7 +64,8 @@ class Scope:
         struct = observer.struct(self.values)
         struct.ngroup = 0 if numbers is None else len(numbers)
         self.call("observer_sizes", ctypes.byref(struct), sizes.ctypes.data)
-        return PartialStatistics(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]), numbers)
+        arrays = np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2])
+        return PartialStatistics(*arrays) if numbers is None else GroupStatistics(*arrays, numbers)
 
 
 def structs(scope: Scope, observers: Kinds, kept: Mapping[str, PartialStatistics]):
@@ -84,9 +91,7 @@ def merge(scope: Scope, observer: Observer, left: PartialStatistics, right: Part
     twice, *places = np.intersect1d(left.groups, right.groups, return_indices=True)
     if twice.size:
         mine, other = (
-            PartialStatistics(
-                *(x.reshape(len(part.groups), -1)[at].ravel() for x in (part.counts, part.sums)), 0, twice
-            )
+            GroupStatistics(*(x.reshape(len(part.groups), -1)[at].ravel() for x in (part.counts, part.sums)), 0, twice)
             for part, at in zip((left, right), places, strict=True)
         )
         _merge(scope, observer, mine, other)
