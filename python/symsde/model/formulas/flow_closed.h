@@ -42,25 +42,39 @@ SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_I
 
 /* The steps of a single path. */
 #if STEP_LINEAR
+enum { STEP_CHUNK = 64 };
+
+/* With decays it is not inlined: their numbers would take the registers in which the state is. */
+#if DAMPED
+static __attribute__((noinline)) void
+#else
+LANE void
+#endif
+STEP_turns(const int steps, double m[COEFFICIENTS][STEP_CHUNK], state *x) {
+   state s = *x;
+#pragma GCC unroll 1
+   for (int j = 0; j < steps; j++) {
+      double e[COEFFICIENTS];
+      for (int k = 0; k < WANTED; k++)
+         e[k] = m[k][j];
+      STEP_turn(e, &s);
+   }
+   *x = s;
+}
+
 INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
-   enum { CHUNK = 64 };
-   double m[COEFFICIENTS][CHUNK], e[COEFFICIENTS];
+   double m[COEFFICIENTS][STEP_CHUNK];
    state s = state_of(x, 0, STEP_KEPT);
-   for (int first = 0; first < steps; first += CHUNK) {
-      const int some = steps - first < CHUNK ? steps - first : CHUNK;
+   for (int first = 0; first < steps; first += STEP_CHUNK) {
+      const int some = steps - first < STEP_CHUNK ? steps - first : STEP_CHUNK;
 #pragma GCC ivdep
       for (int j = 0; j < some; j++) { /* stored together */
          double own[COEFFICIENTS];
          STEP_coefficients(w + (first + j) * stride, n, c, h FADE, own, 0);
-         for (int k = 0; k < COEFFICIENTS; k++)
+         for (int k = 0; k < WANTED; k++)
             m[k][j] = own[k];
       }
-#pragma GCC unroll 1
-      for (int j = 0; j < some; j++) {
-         for (int k = 0; k < COEFFICIENTS; k++)
-            e[k] = m[k][j];
-         STEP_turn(e, &s);
-      }
+      STEP_turns(some, m, &s);
    }
    put_state(s, y, 0, STEP_KEPT);
    return 0;

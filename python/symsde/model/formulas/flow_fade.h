@@ -16,12 +16,13 @@ static const double gauss2_a[2][2] = {{0.25, -0.038675134594812866}, {0.53867513
 static const double gauss2_c[2] = {0.2113248654051871, 0.7886751345948129};
 
 /* r of y (1 + s m)^{-1} x det(1 + s m) = r_0 + s r_1, where m has this trace */
-static void fade_row(const double y[2], const double m[2][2], const double trace, const double x[2], double r[2]) {
+LANE void fade_row(const double y[2], const double m[2][2], const double trace, const double x[2], double r[2]) {
    r[0] = y[0] * x[0] + y[1] * x[1];
    r[1] = trace * r[0] - y[0] * (m[0][0] * x[0] + m[0][1] * x[1]) - y[1] * (m[1][0] * x[0] + m[1][1] * x[1]);
 }
 
-static fading fade_of(const double z) {
+/* Inlined, so that steps compute the numbers alone that they use: a call of a flow has few steps of a single path. */
+LANE fading fade_of(const double z) {
    const double legs[3] = {gauss2_c[0], gauss2_c[1] - gauss2_c[0], 1};
    fading f = {.whole = expm1(-z), .half = expm1(-0.5 * z)};
    for (int i = 0; i < 3; i++) {
@@ -32,7 +33,7 @@ static fading fade_of(const double z) {
       f.d[i] = expm1(-gauss2_c[i] * z);
       f.b[i] = 0.5 * exp(-gauss2_c[1 - i] * z);
       for (int j = 0; j < 2; j++)
-         f.a[i][j] = gauss2_a[i][j] * exp((gauss2_c[j] - gauss2_c[i]) * z);
+         f.a[i][j] = i == j ? gauss2_a[i][j] : gauss2_a[i][j] * exp((gauss2_c[j] - gauss2_c[i]) * z);
    }
    f.mean = 0.5 * (f.d[0] + f.d[1]);
    double both_a[2][2]; /* coefficients a of positions times those of momenta */

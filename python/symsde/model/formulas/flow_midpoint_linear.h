@@ -10,7 +10,7 @@
  * A step waits for one product and one or two sums of the step before. If S_qp = 0, the step is, with D = 1 + a k,
  *
  *    q' = q + 2 k/D (p - a q) + z0_q,   p' = p - 2 a/D (q + k p) + z0_p. */
-enum { COEFFICIENTS = 6 };
+enum { COEFFICIENTS = 6, WANTED = MOVES ? 6 : 4 };
 
 INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
    const state zero = {{0}, {0}, {0}};
