@@ -40,7 +40,8 @@ module symsde_base_record
    type :: step_decays
       real(wp) :: z = 0
       real(wp) :: before = 0, after = 0          !! exp(-c z) - 1 and exp(-(1 - c) z) - 1, c being the node of the stage
-      real(wp) :: beta(2) = 0, gamma(2) = 0      !! for two kicks: parts of dW_k and of dZ_k/h - dW_k/2
+      integer :: nkick = 2                       !! kicks between drifts, three at most in the catalogue's schemes
+      real(wp), dimension(3) :: beta = 0, gamma = 0, eta = 0 !! their parts of dW_k, dZ_k/h - dW_k/2 and K_k
    end type step_decays
 
    !> Several consecutive steps, for a model that computes them itself. The model returns the states after every

@@ -166,8 +166,8 @@ contains
          case default
             where (plan%drift > 0) plan%tau = -steps%h*decay_less_one(plan%drift*d%z)/d%z
             plan%loss = decay_less_one(plan%drift*d%z)
-            plan%shape = d%gamma/plan%part
-            plan%half = 0.5_wp - (d%beta/plan%part - 1)/plan%shape
+            plan%shape = d%gamma(:2)/plan%part
+            plan%half = 0.5_wp - (d%beta(:2)/plan%part - 1)/plan%shape
          end select
       end associate
    end subroutine let_decay

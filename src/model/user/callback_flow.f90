@@ -108,7 +108,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       integer(i4), intent(out) :: code
       real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :), turns(:)
-      real(wp), target :: decays(5)
+      real(wp), target :: decays(10)
       type(c_ptr) :: functionals(nfunctional + 3)
       integer :: f
 
@@ -119,9 +119,12 @@ contains
          if (.not. associated(x)) cycle
          if (size(x) > 0) functionals(merge(f, f + 1, f < place_of_decays)) = c_loc(x)
       end do
-      decays(1) = steps%decays%z
-      decays(2:3) = steps%decays%beta
-      decays(4:5) = steps%decays%gamma
+      associate (d => steps%decays, n => steps%decays%nkick)
+         decays(1) = d%z
+         decays(2:n + 1) = d%beta(:n)
+         decays(n + 2:2*n + 1) = d%gamma(:n)
+         decays(2*n + 2:3*n + 1) = d%eta(:n)
+      end associate
       if (map%damped) functionals(place_of_decays) = c_loc(decays)
       turns => steps%turns
       if (associated(turns)) functionals(place_of_turns) = c_loc(turns)

@@ -239,8 +239,12 @@ contains
       else
          kicks = self%kicks
          call give_law(kicks, self%kicks, self%decays%z, noise_of_scheme)
-         self%decays%beta(:size(kicks%beta)) = kicks%beta
-         self%decays%gamma(:size(kicks%gamma)) = kicks%gamma
+         associate (n => size(kicks%c), d => self%decays)
+            d%nkick = n
+            d%beta(:n) = kicks%beta
+            d%gamma(:n) = kicks%gamma
+            d%eta(:n) = kicks%eta
+         end associate
       end if
    end subroutine find_decays
 

@@ -20,7 +20,6 @@ from .sites import Chain
 MOST_SITES = 512  #: most sites of a chain whose states stay near: MOST_SITES of flow_chain.h
 TABLEAUX = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 KICKS = ("verlet_kdk", "gauss_dkdkd", "chin4a")
-DAMPED = (*TABLEAUX, "verlet_kdk", "gauss_dkdkd")  #: schemes whose noise has at most two kicks
 ARGUMENTS = "const double *v, const double x, const double y{more}, const double *restrict c"
 RESULTS = "double *own, double *handed, const int far, int64_t *beyond"
 

@@ -190,7 +190,8 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
          else if (!tableau) {
             kicks[i].reach = z == 0 ? leg * h : h * (-kicks[i].loss / z);
             kicks[i].beta = damped[1 + i];
-            kicks[i].gamma = damped[3 + i];
+            kicks[i].gamma = damped[1 + of->kicks + i];
+            kicks[i].eta = damped[1 + 2 * of->kicks + i];
          }
       }
    }

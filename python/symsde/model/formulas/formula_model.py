@@ -395,7 +395,7 @@ def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> Formula
     flows = code.whole_steps
     found = {emit_flow.named(x): formula_code.address(code.compiled, f"formula_flow_{x}") for x in flows}
     for scheme in emit_chain_flow.flows(code.chain) if code.chain else []:
-        names = [emit_flow.named(scheme, damped=x) for x in (False, True) if not x or scheme in emit_chain_flow.DAMPED]
+        names = [emit_flow.named(scheme, damped=x) for x in (False, True)]
         found |= dict.fromkeys(names, formula_code.address(code.compiled, f"formula_flow_{scheme}"))
     if code.kicks:
         kicks, schemes = code.kicks
