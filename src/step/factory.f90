@@ -234,7 +234,7 @@ contains
             allocate (model_flow_stepper :: stepper)
             call stepper%make(task)
             return
-         else if (damped_fits(task) .and. .not. decays_in_midpoint(task)) then
+         else if (damped_fits(task) .and. .not. (decays_in_midpoint(task) .or. decays_in_tableau(task))) then
             call make_damped(stepper, task, error)
             return
          else if (explicit_fits(task)) then
@@ -282,6 +282,15 @@ contains
                            .not. associated(task%model%forces)
       if (decays_in_midpoint) decays_in_midpoint = midpoint_fits(task)
    end function decays_in_midpoint
+
+   !> Whether the explicit stepper has the decays of a scheme of one stage.
+   logical function decays_in_tableau(task)
+      type(stepper_task), intent(in) :: task
+
+      decays_in_tableau = allocated(task%damping%rate) .and. .not. allocated(task%flow)
+      if (decays_in_tableau) decays_in_tableau = explicit_fits(task)
+      if (decays_in_tableau) decays_in_tableau = decays_here(task%scheme, task%model%traits)
+   end function decays_in_tableau
 
    !> Make a stepper of the closed system between decays of the momenta.
    recursive subroutine make_damped(stepper, task, error)

@@ -73,7 +73,10 @@ def test_a_step_is_that_of_the_clock(scheme):
     assert distance(wrong, clock) > 1e-3
 
 
-@pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "stormer_verlet", "lobatto2_swapped", "heun"])
+@pytest.mark.parametrize(
+    "scheme",
+    ["midpoint", "symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "lobatto2_swapped", "heun"],
+)
 def test_fast_steppers_agree_with_the_oracle(scheme):
     """The damped steppers agree with the general one, also with a correction and masses."""
     pair = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2) + q1**4/4", noise=["0.3*sin(q1)", "0.2*q2"])

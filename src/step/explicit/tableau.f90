@@ -9,6 +9,7 @@ module symsde_step_explicit_tableau
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
+   use symsde_base_vectors, only: scale
    use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
