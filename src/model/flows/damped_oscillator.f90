@@ -56,6 +56,12 @@ module symsde_model_flows_damped_oscillator
       real(wp), dimension(2) :: v1 = 0, vc = 0, w1 = 0, wd = 0, wc = 0   !! rows v and w with columns 1, d and c
    end type gauss_terms
 
+   !> One step of two stages of Gauss, where the weights of b and e are still to be multiplied.
+   type :: gauss_step
+      real(wp) :: part, m11, m22   !! the factor of c p and -a q, and of q and p
+      real(wp) :: cv1, evc, awc    !! the factors of -b in g1, of -e beside one in g1, and of -e in g2
+   end type gauss_step
+
 contains
 
    !> Whether this file has damped steps by a map for these noises.
@@ -82,23 +88,36 @@ contains
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
       type(losses) :: lost
-      logical :: one_form
+      type(gauss_terms) :: of
+      logical :: one_form, additive
 
       call count_oscillator_steps(map, steps%nstep*steps%nreal, counters)
       w => steps%w  ! a pointer that gfortran 12 knows to be contiguous, unlike the component
       lost = losses(steps%decays%before, steps%decays%after, decay_less_one(steps%decays%z))
       associate (t => terms, h => terms%rate*steps%h)
          one_form = t%noise_a == t%noise_c .and. abs(t%a - t%c) <= 0 .and. t%noise_b == 0 .and. t%noise_e == 0
+         additive = t%noise_a == 0 .and. t%noise_c == 0
          select case (map%equation)
          case (midpoint_map)
             if (one_form) call turns(lost, t, steps, h, w, q, p, qn, pn)
             if (.not. one_form) call midpoint(lost, t, steps, h, w, q, p, qn, pn)
          case (gauss2_map)
-            if (one_form) call gauss_turns(gauss_of(steps%decays%z), t, steps, h, w, q, p, qn, pn)
-            if (.not. one_form) call gauss(gauss_of(steps%decays%z), t, steps, h, w, q, p, qn, pn)
+            of = gauss_of(steps%decays%z)
+            if (one_form) then
+               call gauss_turns(of, t, steps, h, w, q, p, qn, pn)
+            else if (additive) then
+               call additive_gauss(gauss_step_of(of, h, h), t, steps, h, w, q, p, qn, pn)
+            else
+               call gauss(of, t, steps, h, w, q, p, qn, pn)
+            end if
          case (euler_map)
-            if (map%corrected) call corrected_euler(lost, t, steps, h, w, q, p, qn, pn)
-            if (.not. map%corrected) call euler(lost, t, steps, h, w, q, p, qn, pn)
+            if (map%corrected) then
+               call corrected_euler(lost, t, steps, h, w, q, p, qn, pn)
+            else if (additive) then
+               call additive_euler(lost, t, steps, h, w, q, p, qn, pn)
+            else
+               call euler(lost, t, steps, h, w, q, p, qn, pn)
+            end if
          case (euler_adjoint_map)
             if (map%corrected) call corrected_adjoint(lost, t, steps, h, w, q, p, qn, pn)
             if (.not. map%corrected) call adjoint(lost, t, steps, h, w, q, p, qn, pn)
@@ -216,28 +235,63 @@ contains
       pure subroutine take(wa, wb, wc, we, x, y)
          real(wp), value :: wa, wb, wc, we
          real(wp), intent(inout) :: x, y
-         real(wp) :: a, b, c, e, both, inverse, part, v1, m11, m22, g1, g2, moved
+         real(wp) :: a, c
 
          a = h + t%a*wa
          c = h + t%c*wc
-         b = 0 + t%b*wb
-         e = 0 + t%e*we
-         both = a*c
-         inverse = 1/(1 + both*(of%trace + both*of%det))
-         part = (of%w1(1) + both*of%w1(2))*inverse
-         v1 = (of%v1(1) + both*of%v1(2))*inverse
-         m11 = 0 - both*v1
-         m22 = of%all - both*((of%wd(1) + both*of%wd(2))*inverse)
-         g1 = e - e*(both*((of%vc(1) + both*of%vc(2))*inverse))
-         g1 = g1 - b*(c*v1)
-         g2 = 0 - part*b
-         g2 = g2 - e*(a*((of%wc(1) + both*of%wc(2))*inverse))
-         moved = (x + (c*part)*y) + (m11*x + g1)
-         y = (y + m22*y) + (g2 - (a*part)*x)
-         x = moved
+         call take_gauss(gauss_step_of(of, a, c), a, c, 0 + t%b*wb, 0 + t%e*we, x, y)
       end subroutine take
 
    end subroutine gauss
+
+   !> VEC Two stages of Gauss where a = c = h: all noise is in b and e, and the steps differ by these alone.
+   pure subroutine additive_gauss(s, t, steps, h, w, q, p, qn, pn)
+      type(gauss_step), intent(in) :: s
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the strengths of the first and the third are zero
+         real(wp), intent(inout) :: x, y
+
+         call take_gauss(s, h, h, 0 + t%b*wb, 0 + t%e*we, x, y)
+      end subroutine take
+
+   end subroutine additive_gauss
+
+   !> The factors of a step with the weights a and c.
+   pure type(gauss_step) function gauss_step_of(of, a, c) result(s)
+      type(gauss_terms), intent(in) :: of
+      real(wp), intent(in) :: a, c
+      real(wp) :: both, inverse, v1
+
+      both = a*c
+      inverse = 1/(1 + both*(of%trace + both*of%det))
+      s%part = (of%w1(1) + both*of%w1(2))*inverse
+      v1 = (of%v1(1) + both*of%v1(2))*inverse
+      s%m11 = 0 - both*v1
+      s%m22 = of%all - both*((of%wd(1) + both*of%wd(2))*inverse)
+      s%cv1 = c*v1
+      s%evc = both*((of%vc(1) + both*of%vc(2))*inverse)
+      s%awc = a*((of%wc(1) + both*of%wc(2))*inverse)
+   end function gauss_step_of
+
+   !> Take a step with these factors.
+   pure subroutine take_gauss(s, a, c, b, e, x, y)
+      type(gauss_step), intent(in) :: s
+      real(wp), intent(in) :: a, c, b, e
+      real(wp), intent(inout) :: x, y
+      real(wp) :: g1, g2, moved
+
+      g1 = e - e*s%evc
+      g1 = g1 - b*s%cv1
+      g2 = 0 - s%part*b
+      g2 = g2 - e*s%awc
+      moved = (x + (c*s%part)*y) + (s%m11*x + g1)
+      y = (y + s%m22*y) + (g2 - (a*s%part)*x)
+      x = moved
+   end subroutine take_gauss
 
    !> VEC Two stages of Gauss where a = c and b = e = 0.
    pure subroutine gauss_turns(of, t, steps, h, w, q, p, qn, pn)
@@ -281,6 +335,24 @@ contains
       end subroutine take
 
    end subroutine euler
+
+   !> VEC Symplectic Euler where a = c = h: momenta decay after its step, whose node is 0.
+   pure subroutine additive_euler(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the strengths of the first and the third are zero
+         real(wp), intent(inout) :: x, y
+
+         y = y - (h*x + t%b*wb)
+         x = x + (h*y + t%e*we)
+         y = y + lost%after*y
+      end subroutine take
+
+   end subroutine additive_euler
 
    !> VEC The adjoint of symplectic Euler.
    pure subroutine adjoint(lost, t, steps, h, w, q, p, qn, pn)
