@@ -33,8 +33,12 @@ CASES += [("rates", "verlet_dz")]
 
 
 def known(mass, omega, loss, push, step):
+    """exp(h M) and the covariance of int exp(u M) b dW of a damped drift without products of q and p."""
+    return law_of(np.block([[ZERO, mass], [-np.diag(omega**2), -loss]]), push, step)
+
+
+def law_of(drift, push, step):
     """exp(h M) and the covariance of int exp(u M) b dW, by the exponential of a block matrix in 80 digits."""
-    drift = np.block([[ZERO, mass], [-np.diag(omega**2), -loss]])
     noise = np.vstack([ZERO, push])
     blocks = mpmath.matrix(np.block([[-drift, noise @ noise.T], [np.zeros((4, 4)), drift.T]]).tolist())
     with mpmath.workdps(80):
@@ -88,6 +92,31 @@ def test_noise_of_a_step_has_its_law(drift, scheme, factor, push):
             assert np.abs((covariance_of(noise, step) - other) / np.outer(size, size)).max() > 1e-5
             _, plain = step_of(damped, scheme, step, functionals, damping_noise="polynomial")
             assert np.abs((covariance_of(plain, step) - exact) / np.outer(size, size)).max() > 1e-6
+
+
+@pytest.mark.parametrize("push", PUSH)
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "chin4a"])
+@pytest.mark.parametrize("step", [0.1, 0.5, -0.1])
+def test_noise_between_flows_of_a_quadratic_part_has_its_law(scheme, step, push):
+    """A charge in a field and a spring, split=: the flow and the covariances of the noise of a damped step; rates or a
+    strength that are 1 % off are seen, and so are the weights of the closed system.
+    """
+    text = "((p1 + q2)**2 + (p2 - q1)**2)/2 + q1**2/2 + 0.3*q1*q2 + 0.4*q2**2"
+    second = np.array([[2.0, 0.3, 0, -1], [0.3, 1.8, 1, 0], [0, 1, 1, 0], [-1, 0, 0, 1]])
+    model = ss.model_from_sympy(text, noise=NOISE[push], split=text).damped(RATES)
+    loss = np.diag([0, 0, *RATES])
+    field = np.vstack([second[2:], -second[:2]])
+    flow, exact = law_of(field - loss, PUSH[push], step)
+    functionals = 3 if scheme == "chin4a" else 2
+    found, noise = step_of(model, scheme, step, functionals)
+    np.testing.assert_allclose(found, flow, rtol=0, atol=1e-13)
+    scale = np.outer(*2 * [np.sqrt(np.diag(exact))])
+    assert np.abs((covariance_of(noise, step) - exact) / scale).max() < 1e-13
+    _, other = law_of(field - 1.01 * loss, PUSH[push], step)
+    assert np.abs((covariance_of(noise, step) - other) / scale).max() > 1e-5
+    assert np.abs((covariance_of(1.01 * noise, step) - exact) / scale).max() > 1e-2
+    _, plain = step_of(model, scheme, step, functionals, damping_noise="polynomial")
+    assert np.abs((covariance_of(plain, step) - exact) / scale).max() > 1e-7
 
 
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "chin4a"])
