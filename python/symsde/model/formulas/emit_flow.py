@@ -131,11 +131,6 @@ def _step_sizes(scheme: str, *, linear: bool = False) -> str:
     return sizes + f"#define STEP_LINEAR {int(linear)}\n"
 
 
-def decaying(made: Derivatives) -> list[str]:
-    """The schemes whose damped steps are generated: the noise of decaying momenta has two kicks."""
-    return [x for x in flows(made) if x != "chin4a"]
-
-
 def _kicks(made: Derivatives) -> list[str]:
     """The schemes of kicks between drifts: for noise in position and a constant mass. Weights of kicks do not stand
     where parameters of each path do."""
@@ -164,7 +159,7 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
 
     damped: steps of momenta damped by one rate.
     """
-    schemes = decaying(made) if damped else flows(made)
+    schemes = flows(made)
     if not schemes:
         return ""
     kept = _kept(made) if "stormer_verlet" in schemes else []

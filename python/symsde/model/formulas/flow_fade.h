@@ -7,7 +7,7 @@
  * Sweeps begin with momenta that have lost the part e_i = sum_j a_ij d_j/c_i, and end with momenta that have lost the
  * part (d_1 + d_2)/2. */
 typedef struct {
-   double leg[3], reach[3];                      /* drifts between kicks, leg_of of the step */
+   double leg[4], reach[4];                      /* drifts between kicks, leg_of of the step */
    double whole, half, d[2], a[2][2], b[2];      /* steps */
    double e[2], s[2][2], v[2], mean;             /* sweeps */
    double trace, det, v_1[2], v_c[2], b_1[2], b_d[2], b_c[2]; /* linear equations */
@@ -23,9 +23,9 @@ LANE void fade_row(const double y[2], const double m[2][2], const double trace, 
 
 /* Inlined, so that steps compute the numbers alone that they use: a call of a flow has few steps of a single path. */
 LANE fading fade_of(const double z) {
-   const double legs[3] = {gauss2_c[0], gauss2_c[1] - gauss2_c[0], 1};
+   const double legs[4] = {gauss2_c[0], gauss2_c[1] - gauss2_c[0], 1, 0.5};
    fading f = {.whole = expm1(-z), .half = expm1(-0.5 * z)};
-   for (int i = 0; i < 3; i++) {
+   for (int i = 0; i < 4; i++) {
       f.leg[i] = expm1(-legs[i] * z);
       f.reach[i] = z == 0 ? legs[i] : -f.leg[i] / z;
    }

@@ -4,8 +4,8 @@
  * of it. */
 static const double gauss_dkdkd_law[4] = {0.5, 0.5, 1.7320508075688772, -1.7320508075688772};
 static const double verlet_kdk_law[4] = {0.5, 0.5, 1, -1};
-static const double chin4a_law[1] = {0}; /* its weights are fixed */
-static const double leg_of[3] = {0.21132486540518711, 0.57735026918962577, 1};
+static const double chin4a_law[1] = {0}; /* its weights are fixed, but for those of damped steps */
+static const double leg_of[4] = {0.21132486540518711, 0.57735026918962577, 1, 0.5};
 
 #if SPLIT
 /* Drift number `leg` is the flow of a quadratic part: z + X z in place of z = (q, p). Kicks are those of H at p = 0,
@@ -82,11 +82,11 @@ INLINE verlet_kdk(LANE_IN, state *s, const int far) {
 }
 
 /* The kick in the middle is by two thirds of h U - (h^3/48) U_q.M^-1 U_q, with V = h U + sum_k v_k H_k in the square. */
-#if !DAMPED && !SPLIT
+#if !SPLIT
 INLINE chin4a(LANE_IN, state *s, const int far) {
    double f[DOF], k[DOF * DOF], m[DOF * DOF], v[DOF];
    int64_t beyond = kick(w, n, c, (1 / 6.0) * h FADE, s, 1, far);
-   beyond |= drift(LANE_OF, s, 0.5, far);
+   beyond |= leap(LANE_OF, s, 3, far);
    beyond |= bow(w + 3 * NHAM * n, n, c, h FADE, s, f, k, far) | lever(LANE_OF, s, m, far);
    beyond |= kick(w + NHAM * n, n, c, (2 / 3.0) * h FADE, s, 1, far);
    beyond |= push(LANE_OF, s, 1 / 15.0, far);
@@ -98,25 +98,30 @@ INLINE chin4a(LANE_IN, state *s, const int far) {
    for (int i = 0; i < DOF; i++)
       for (int j = 0; j < DOF; j++)
          s->p[i] = FMA((1 / 36.0) * k[i * DOF + j], v[j], s->p[i]);
-   beyond |= drift(LANE_OF, s, 0.5, far);
+   beyond |= leap(LANE_OF, s, 3, far);
    return beyond | kick(w + 2 * NHAM * n, n, c, (1 / 6.0) * h FADE, s, 1, far);
 }
 #endif
 
-/* The weights of three kicks and of V, from K, too: 4 (dW/24 + K) +- a, 8 (dW/12 - K), dW - 12 K. */
+/* The weights of three kicks and of V, from K, too: 4 (dW/24 + K) +- a, 8 (dW/12 - K), dW - 12 K. Damped, those of kicks
+ * are beta dW + gamma a + eta K, with three of each in `law`. */
 LANE void weigh_three(const int lanes, const double h, const double *restrict w, const double *restrict z,
                       const double *restrict kk, const ptrdiff_t n, const double *restrict law, double *restrict u,
                       const ptrdiff_t m) {
-   (void)law;
    const double inverse = 1 / h;
    for (int k = 1; k < NHAM; k++)
 #pragma GCC ivdep
       for (int i = 0; i < lanes; i++) {
          const double dw = w[k * n + i], a = FMA(z[(k - 1) * n + i], inverse, -0.5 * dw), b = kk[(k - 1) * n + i];
+#if DAMPED
+         for (int j = 0; j < 3; j++)
+            u[(j * NHAM + k) * m + i] = FMA(law[6 + j], b, FMA(law[3 + j], a, law[j] * dw));
+#else
          const double ends = FMA(4, b, (1 / 6.0) * dw);
          u[k * m + i] = ends + a;
          u[(NHAM + k) * m + i] = FMA(-8, b, (2 / 3.0) * dw);
          u[(2 * NHAM + k) * m + i] = ends - a;
+#endif
          u[(3 * NHAM + k) * m + i] = FMA(-12, b, dw);
       }
 }

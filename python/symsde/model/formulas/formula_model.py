@@ -380,9 +380,9 @@ def _decaying(code: Code) -> FormulaModel | None:
 
     They are a file of their own, since most models are closed and their compilation takes long.
     """
-    made = code.derivatives
-    schemes = emit_flow.decaying(made) if code.compiled and code.whole_steps else []
+    schemes = code.whole_steps if code.compiled else []
     if code.decaying is None and schemes:
+        made = code.derivatives
         compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
         addresses = {x: formula_code.address(compiled, f"formula_flow_{x}") for x in schemes}
         code.decaying = _root(code, {emit_flow.named(x, damped=True): place for x, place in addresses.items()})
