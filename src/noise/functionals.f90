@@ -237,10 +237,12 @@ contains
          variance = 0
          if (k == l) variance = length*abs(length)/15
          do lane = first, first + n - 1
+            !GCC$ unroll 4
             do i = 1, 4
                own(i) = length*(w(lane, k, i)*w(lane, l, i)/6 - 1.2_wp*hh(lane, k, i)*hh(lane, l, i))
                own(i) = own(i) - variance
             end do
+            !GCC$ unroll 2
             do i = 1, 2
                j = 2*i - 1
                two(i) = (own(j) + own(j + 1)) &
