@@ -268,6 +268,23 @@ contains
       end associate
    end subroutine derive
 
+   !> VEC Add the brackets of noises in position by sums over all of them: C = sum c_k U_k and the squares g = sum U_k'
+   !> U_k'' and k = sum U_k''^2. u holds C', C'', g and k; factor is 2 nested, e_0 = 1.
+   pure subroutine add_sums(nlane, factor, u, p, h)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: factor, u(lanes(nlane), 4), p(lanes(nlane))
+      real(wp), intent(inout) :: h(lanes(nlane), nplace)
+      integer :: lane
+
+      do lane = 1, lanes(nlane)
+         h(lane, q_) = h(lane, q_) + p(lane)*u(lane, 2)
+         h(lane, q_) = h(lane, q_) + factor*u(lane, 3)
+         h(lane, p_) = h(lane, p_) + u(lane, 1)
+         h(lane, qq) = h(lane, qq) + factor*u(lane, 4)
+         h(lane, qp) = h(lane, qp) + u(lane, 2)
+      end do
+   end subroutine add_sums
+
    include 'brackets_kinetic.inc'
 
    pure integer function lanes(nlane)
