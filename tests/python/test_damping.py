@@ -138,6 +138,7 @@ WHOLE = (
     ss.models.kubo(),
     ss.models.linear_oscillator(),
     ss.models.additive_oscillator(),
+    ss.models.additive_oscillator(sigma=0.7, gamma=0.4),
     ss.models.noncommutative_oscillator(),
     SYNCHROTRON,
     ss.models.pendulum(sigma=0.3),
