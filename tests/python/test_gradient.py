@@ -135,6 +135,28 @@ def test_kicks_between_drifts_that_decay(scheme):
             ss.gradient(coupled().damped(damping), "q_1", **RUN, scheme=scheme)
 
 
+def test_damped_drifts_without_derivatives():
+    """Rational functions of rates, and noise of free motion by three functionals or along the path, are refused."""
+    model = pendulum().damped(0.5)
+    for options, words in (
+        ({"scheme": "gjf"}, "gjf multiplies momenta by rational functions"),
+        ({"scheme": "gauss_dkdkd", "damping_noise": "law3"}, "damping_noise = 'law3': give"),
+        ({"scheme": "chin4a", "damping_noise": "path"}, "damping_noise = 'path': give"),
+    ):
+        run = RUN | options
+        for call in (
+            lambda: ss.gradient(model, "q", ["q0"], **run),  # noqa: B023
+            lambda: ss.tangent(model, **run),  # noqa: B023
+            lambda: ss.lyapunov(model, **run),  # noqa: B023
+        ):
+            with pytest.raises(IncompatibleError, match=words):
+                call()
+    for scheme, noise in (("gauss_dkdkd", "law"), ("verlet_kdk", "law2"), ("gauss_dkdkd", "polynomial")):
+        run = RUN | {"scheme": scheme, "damping_noise": noise}
+        require_gradient(lambda **x: pendulum(**x).damped(0.5), "q**2", ["sigma"], **run)
+    require_gradient(pendulum, "q**2", ["sigma"], scheme="gjf")
+
+
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
 def test_damped(scheme):
     """Damped momenta, whose decays differ between stages."""
