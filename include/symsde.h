@@ -197,7 +197,8 @@ int symsde_model_set_damping_function(symsde_model model, symsde_damping rates, 
                                       void *user, symsde_error *error);
 /* Friction on velocities, p' = .. - Gamma M^-1 p, by a symmetric matrix [ndof][ndof] [mass/time], where H = p.M^-1 p/2 +
  * U(q) is declared (identity_mass or constant_mass), in the place of rates. Zeros take it back. A negative eigenvalue
- * needs allow_gain. Schemes of one stage execute it, and free drifts with kicks; other schemes are refused */
+ * needs allow_gain. Tableaux execute it, of several stages between two half decays, and drifts with kicks; schemes that
+ * add brackets of Hamiltonians and words are refused */
 int symsde_model_set_friction(symsde_model model, const double *friction, int allow_gain, symsde_error *error);
 /* put a model into a heat bath: dp_i = .. - gamma_i p_i dt, and after the noises of the model one for each degree of freedom,
  * H_k = -sigma_i q_i with sigma_i^2 = 2 gamma_i m_i/beta_i; then exp(-beta H) is stationary, where the model has no other

@@ -210,6 +210,7 @@ def test_templates_are_scenes(name, file):
 BAD = [
     ((("scheme =", "sheme ="),), ["sheme", "scheme", "[run]"]),
     ((("omega =", "omgea ="),), ["omgea", "omega", "[model]"]),
+    ((("omega =", "force ="),), ["'force'", "omega", "damping", "thermostat"]),
     ((('"synchrotron"', '"synchroton"'),), ["synchroton", "synchrotron"]),
     ((("[output]", "[ouput]"),), ["ouput", "output"]),
     ((("moments = true", "momnts = true"),), ["momnts", "moments"]),

@@ -249,7 +249,7 @@ def _built_in(file: str, table: dict[str, Any]) -> Model:
         known = ", ".join(models.names())
         raise SceneError(f"{file}: [model] lacks name, a text: there are {known}; or give H, a formula")
     try:
-        _known(file, "key of [model]", table, list(models.parameters(name)))
+        _known(file, "key of [model]", table, [*models.parameters(name), "damping", "thermostat"])
         return models.get(name, **table)
     except SceneError:
         raise
