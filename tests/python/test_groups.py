@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import observe
+from symsde.batch import scene
 from symsde.errors import (
+    IncompatibleError,
     InvalidArgumentError,
     PathsFailedWarning,
+    SceneError,
     UnknownNameError,
     WrongShapeError,
     WrongTypeError,
@@ -152,6 +155,7 @@ def test_files(tmp_path):
         (["a", "b"], UnknownNameError, "the parameter of groups"),
         (np.arange(5), WrongShapeError, r"groups have shape \(5,\): give \(path,\), labels of 700 paths"),
         (np.zeros(N), WrongTypeError, "whole numbers"),
+        (np.full(N, 2**63, np.uint64), InvalidArgumentError, "below 2"),
         (3.5, WrongTypeError, "whole numbers"),
     ],
 )
@@ -166,3 +170,22 @@ def test_names_of_files():
     model = ss.model_from_sympy("p**2/2 + dof*q**2/2", noise=["0.1*q"], params={"dof": np.repeat([1.0, 2.0], 350)})
     with pytest.raises(InvalidArgumentError, match="rename it"):
         ss.moments(model, groups="dof", **RUN)
+
+
+def test_parameters_of_sites(tmp_path):
+    """Refuses values by path of a parameter that has a number for each site, even for as many paths as sites."""
+    formulas = {"H": "Sum(p[i]**2/(2*m[i]) + q[i]**2/2, i)", "noise": ["0.1*Sum(q[i], i)"], "n": 3}
+    model = ss.model_from_sympy(**formulas, params={"m": [1.0, 2.0, 3.0]})
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 2}
+    with pytest.raises(IncompatibleError, match="a number for each site"):
+        ss.sweep(model, {"m": [1.0, 2.0, 3.0]}, **run)
+    with pytest.raises(IncompatibleError, match="a number for each site"):
+        ss.moments(model, groups="m", paths=3, **run)
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        f'[model]\nH = "{formulas["H"]}"\nnoise = ["0.1*Sum(q[i], i)"]\nn = 3\n'
+        "params = {m = {from = 1.0, to = 3.0, count = 3}}\n"
+        "[run]\nq0 = 1.0\np0 = 0.0\nstep = 0.1\nsteps = 2\npaths = 3\n[output]\nmoments = true\n"
+    )
+    with pytest.raises(SceneError, match="a number for each site"):
+        scene.load(file)

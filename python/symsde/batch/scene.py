@@ -19,7 +19,7 @@ from ..model.definition import Model
 from ..model.formulas import formula_scenes as formulas
 from ..model.thermostat import thermostat
 from ..native import checks, files
-from ..run.groups import Groups
+from ..run.groups import Groups, refuse_sites
 from ..run.moments import Moments, try_out
 from ..run.observers import observables, requests
 from ..run.setup import make_setup
@@ -109,6 +109,10 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
     _known(file, "key of [expect]", expect, EXPECT_KEYS)
     table, groups = by_path.of_table(file, dict(tables["model"]), run)
     model = _model(file, table)
+    try:
+        refuse_sites(model, groups.grid.values if groups else ())
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [model]: {error}") from error
     scene = Scene(file, model, run, wants_moments, [], study, expect, tables)
     scene.text, scene.groups = text, groups
     tried = scene.try_out()

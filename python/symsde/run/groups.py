@@ -8,12 +8,12 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 import numpy as np
 
-from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
+from ..errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
 from ..model.definition import Model
 from ..native import checks, files
 from ..show import plot, tables
@@ -100,6 +100,7 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
         names = list(dict.fromkeys(several))
         for name in names:
             checks.choice("the parameter of groups", name, list(model.parameters))
+        refuse_sites(model, names)
         values = {name: np.broadcast_to(np.ravel(model.parameters[name]), paths) for name in names}
         return _of_rows(values)
     labels = np.asarray(given)
@@ -111,7 +112,19 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
     if labels.shape != (paths,):
         raise WrongShapeError(f"groups have shape {labels.shape}: give (path,), labels of {paths} paths")
     found, places = np.unique(labels, return_inverse=True)
+    if int(found[-1]) > np.iinfo(np.int64).max:
+        raise InvalidArgumentError(f"groups hold the label {found[-1]}: give whole numbers below 2**63")
     return groups_of_points(Grid({"group": found.astype(np.int64)}, is_zip=False), places)
+
+
+def refuse_sites(model: Model, names: Iterable[str]) -> None:
+    """Refuse parameters with a number for each site, which has no path."""
+    for name in names:
+        if isinstance(model.parameters.get(name), tuple):
+            raise IncompatibleError(
+                f"the parameter {name} of model {model.name} has a number for each site, and the same for all paths: "
+                "make a model and a run for each choice of its numbers"
+            )
 
 
 def _of_rows(values: Mapping[str, np.ndarray]) -> Groups:

@@ -22,7 +22,7 @@ from ..model.definition import Model, require_model
 from ..native import checks, files
 from ..native.progress import Progress, told_by
 from ..show.values import Values
-from .groups import TAKEN, Grid, GroupedMoments, Groups
+from .groups import TAKEN, Grid, GroupedMoments, Groups, refuse_sites
 from .moments import Moments
 from .observers.observables import (
     Observable,
@@ -212,6 +212,8 @@ def sweep(
     many = isinstance(model, Model)
     if not many and not callable(model):
         require_model(model)
+    if many:
+        refuse_sites(model, points)
 
     def made(groups: slice, each: int) -> Model:
         here = {name: x[groups] for name, x in points.items()}
