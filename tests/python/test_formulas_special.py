@@ -90,6 +90,7 @@ def test_runs_and_observables():
         ("gamma(q, 1)", "gives gamma 2 arguments: it takes one"),
         ("gamma(0)*q", "gamma of a constant, which is not a finite real number"),
         ("gamma(-2)*q", "gamma of a constant, which is not a finite real number"),
+        ("loggamma(-0.5)*q", "loggamma of a constant, which is not a finite real number"),
         ("bessely(0, 0)*q", "a constant that is not a finite real number"),
         ("besseli(0, q)", "calls besseli, which is no function here"),
         (sp.besseli(0, sp.Symbol("q")), "besseli in a formula has no derivative everywhere, or no code here"),

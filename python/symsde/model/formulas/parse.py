@@ -32,7 +32,7 @@ MAX_FACTORS = 20  #: most factors of one product: the cost of its second derivat
 _ADDITIVE, _MULTIPLICATIVE = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 _WORD, _HIDDEN = re.compile(rf"\b(?:{'|'.join(keyword.kwlist)})\b"), "word_of_python_"
 _CONSTANTS = {
-    "loggamma": math.lgamma,
+    "loggamma": lambda x: math.lgamma(x) if x > 0 else math.nan,
     "sech": lambda x: 1 / math.cosh(x),
     "csch": lambda x: 1 / math.sinh(x),
     "coth": lambda x: 1 / math.tanh(x),
