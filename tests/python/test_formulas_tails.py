@@ -89,7 +89,7 @@ def test_derivatives_in_ulps(text):
 @pytest.mark.parametrize("text", ["log(cosh(q))", "tanh(q)**2", "log(1+exp(q))", "erfc(q)", "csch(q)"])
 @pytest.mark.parametrize("name", ["symengine", "sympy"])
 def test_without_a_compiler_and_without_symengine(text, name, monkeypatch):
-    monkeypatch.setattr(derivatives, "engine", lambda: pytest.importorskip(name))
+    monkeypatch.setattr(derivatives, "engine", lambda *_: pytest.importorskip(name))
     made = Derivatives(make_problem(H=f"p**3/3 + {text}", noise=["q*p"], q="q", p="p", params=None, t=None))
     functions, x = InNumpy(made, {}).functions(), places()
     at = 0.0, np.array([[1.0], [0.0]]) + 0 * x, x[None], 0 * x[None]

@@ -91,6 +91,10 @@ contains
       fast => kernels_of(task%model)
       if (.not. associated(fast) .or. associated(task%model%forces)) return
       if (task%newton%fixed_point /= 0 .or. task%as_increments .or. task%general) return
+      ! Flows read the functionals of their scheme, of which none are drawn if all noises are silent.
+      if (allocated(task%model%traits%silent)) then
+         if (all(task%model%traits%silent) .and. .not. task%scheme%asks%is_empty()) return
+      end if
       corrected = task%correction /= correction_none
       if (corrected) then
          if (task%correction /= correction_increments .or. .not. task%scheme%is_euler_pair()) return
