@@ -140,8 +140,8 @@ def test_damped_drifts_without_derivatives():
     model = pendulum().damped(0.5)
     for options, words in (
         ({"scheme": "gjf"}, "gjf multiplies momenta by rational functions"),
-        ({"scheme": "gauss_dkdkd", "damping_noise": "law3"}, "damping_noise = 'law3': give"),
-        ({"scheme": "chin4a", "damping_noise": "path"}, "damping_noise = 'path': give"),
+        ({"scheme": "gauss_dkdkd", "damping_noise": "law3"}, "gauss_dkdkd has noise of free motion by three functionals"),
+        ({"scheme": "chin4a", "damping_noise": "path"}, "chin4a has noise of free motion by three functionals or along"),
     ):
         run = RUN | options
         for call in (

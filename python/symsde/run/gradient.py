@@ -107,22 +107,6 @@ def gradient(
     return found.told(names, known, positions, states, allow_failed=allow_failed)
 
 
-def require_derivative(setup: Setup) -> None:
-    """Refuse damped drifts and kicks whose derivatives the library does not know."""
-    if not setup.model.damping:
-        return
-    if setup.scheme.name == "gjf":
-        raise IncompatibleError(
-            f"no exact derivative of the steps is known: model {setup.model.name} is damped, and scheme gjf multiplies "
-            "momenta by rational functions of rates; use midpoint, gauss2 or stormer_verlet"
-        )
-    if (noise := abi.DAMPING_NOISES[setup.options.damping_noise]) in ("law3", "path"):
-        raise IncompatibleError(
-            f"no exact derivative of the steps is known for damping_noise = {noise!r}: give 'law', 'law2' or "
-            "'polynomial'"
-        )
-
-
 def groups_of(setup: Setup, nwide: int) -> Iterator[slice]:
     """Groups of paths that are run at once: states between pieces and at saved times are kept for each path."""
     each = 2 * setup.model.ndof * (3 * setup.ntime + setup.options.steps // 100 + 2) + nwide
@@ -135,7 +119,6 @@ class _Found:
     """Results of each path."""
 
     def __init__(self, setup: Setup, nparameter: int):
-        require_derivative(setup)
         paths, ndof = setup.paths, setup.model.ndof
         checks.room((2 * ndof + nparameter + 1, paths), "derivatives of each path")
         self.setup = setup

@@ -16,7 +16,7 @@ from ..model.formulas.wide import Positions, wide_model
 from ..native import abi, checks, handles
 from ..native.checks import address
 from ..native.progress import Monitor, Progress
-from .gradient import groups_of, mean_of, names_of, part_of, refuse_compensated, require_derivative, values_of
+from .gradient import groups_of, mean_of, names_of, part_of, refuse_compensated, values_of
 from .report import Report, make_report
 from .setup import RunOptions, Setup, make_setup
 
@@ -198,7 +198,6 @@ def take_vectors(
     setup: Setup, wide: tuple[Model, Positions], start: np.ndarray, *, turn: int = 0, progress: Progress
 ) -> _Found:
     """Take these vectors, (vector, 2 dof) of all paths or (vector, 2 dof, path), through all paths."""
-    require_derivative(setup)
     wide, positions = wide
     n, paths, many = setup.model.ndof, setup.paths, len(start)
     checks.room((2 * many + 1, 2 * n, paths), "tangent vectors of each path")

@@ -20,6 +20,7 @@
 !>
 !> Private to its family.
 module symsde_step_linear_kicks
+   use symsde_base_damping, only: noise_law3, noise_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
@@ -65,6 +66,10 @@ contains
       if (task%scheme%form /= splitting_form) return
       if (task%scheme%kicks%flow /= flow_free) then
          why = 'has rotations or midpoint steps between its kicks'
+      else if (task%damping%acts() .and. task%scheme%kicks%rational) then
+         why = 'multiplies momenta by rational functions of rates'
+      else if (task%damping%acts() .and. any(task%damping_noise == [noise_law3, noise_path])) then
+         why = 'has noise of free motion by three functionals or along the path'
       else if (task%damping%acts() .and. (task%scheme%kicks%is_word() .or. .not. task%damping%is_scalar())) then
          why = 'has momenta that decay by several rates, or at kicks'
       else if (allocated(task%model%traits%quadratic_part)) then
