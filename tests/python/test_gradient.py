@@ -136,12 +136,12 @@ def test_kicks_between_drifts_that_decay(scheme):
 
 
 def test_damped_drifts_without_derivatives():
-    """Rational functions of rates, and noise of free motion by three functionals or along the path, are refused."""
+    """Rational functions of rates, and noise of damping by "law3" or "path", are refused."""
     model = pendulum().damped(0.5)
     for options, words in (
         ({"scheme": "gjf"}, "gjf multiplies momenta by rational functions"),
-        ({"scheme": "gauss_dkdkd", "damping_noise": "law3"}, "gauss_dkdkd has noise of free motion by three functionals"),
-        ({"scheme": "chin4a", "damping_noise": "path"}, "chin4a has noise of free motion by three functionals or along"),
+        ({"scheme": "gauss_dkdkd", "damping_noise": "law3"}, 'gauss_dkdkd takes damping_noise "law2"'),
+        ({"scheme": "chin4a", "damping_noise": "path"}, 'chin4a takes damping_noise "law2"'),
     ):
         run = RUN | options
         for call in (
