@@ -166,10 +166,12 @@ def test_refusals(given, kind, word):
 
 
 def test_names_of_files():
-    """Refuses the groups of a parameter whose name files need for something else."""
+    """Refuses groups and sweeps of a parameter whose name files need for something else."""
     model = ss.model_from_sympy("p**2/2 + dof*q**2/2", noise=["0.1*q"], params={"dof": np.repeat([1.0, 2.0], 350)})
     with pytest.raises(InvalidArgumentError, match="rename it"):
         ss.moments(model, groups="dof", **RUN)
+    with pytest.raises(InvalidArgumentError, match="rename it"):
+        ss.sweep(model, {"dof": [1.0, 2.0]}, **RUN)
 
 
 def test_parameters_of_sites(tmp_path):

@@ -51,8 +51,8 @@ def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[
             f"{', '.join(given)}: give {count} times the paths of one value"
         )
     made = {key: np.repeat(x, paths // count) for key, x in points.items()}
-    grid = Grid(points, is_zip=True) if columns else Grid(ranges, is_zip=False)
     try:
+        grid = Grid(points, is_zip=True) if columns else Grid(ranges, is_zip=False)
         groups = groups_of_points(grid, np.repeat(np.arange(count), paths // count))
     except SymsdeError as error:
         raise SceneError(f"{file}: {where}: {error}") from error

@@ -21,7 +21,7 @@ from ..show.values import Values
 
 KINDS = ("mean", "var", "se_mean")
 MEANS = "moments of groups"  #: the name of their sums, which no observer can have
-TAKEN = {"time", "t", "dof", "path", "value", "n_ok", "energy"}  #: names that files use for dimensions and variables
+_TAKEN = {"time", "t", "dof", "path", "value", "n_ok", "energy"}  #: names that files use for dimensions and variables
 _MOST = 10**7  #: groups
 
 
@@ -31,6 +31,12 @@ class Grid:
 
     values: dict[str, np.ndarray]  #: name -> (value,)
     is_zip: bool
+
+    def __post_init__(self):
+        """Refuse names that files need for something else."""
+        for name in self.values:
+            if name in _TAKEN:
+                raise InvalidArgumentError(f"the parameter {name} has the name of a dimension of results: rename it")
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -148,9 +154,6 @@ def groups_of_points(grid: Grid, labels: np.ndarray) -> Groups:
     """Groups of paths with these numbers of points."""
     if grid.count > _MOST:
         raise InvalidArgumentError(f"there are {grid.count} groups: give {_MOST} at most")
-    for name in grid.values:
-        if name in TAKEN:
-            raise InvalidArgumentError(f"the parameter {name} has the name of a dimension of results: rename it")
     return Groups.of(grid, labels)
 
 

@@ -22,7 +22,7 @@ from ..model.definition import Model, require_model
 from ..native import checks, files
 from ..native.progress import Progress, told_by
 from ..show.values import Values
-from .groups import TAKEN, Grid, GroupedMoments, Groups, refuse_sites
+from .groups import Grid, GroupedMoments, Groups, refuse_sites
 from .moments import Moments
 from .observers.observables import (
     Observable,
@@ -275,9 +275,7 @@ def _grid(values: Mapping[str, Any], is_zip: bool) -> Grid:
             raise WrongShapeError(f"values of {name} have shape {array.shape}: give (value,), one number at least")
         if not np.isfinite(array).all():
             raise InvalidArgumentError(f"values of {name} are not all finite: give finite numbers")
-        if checks.name_of("name of a parameter", name) in TAKEN:
-            raise InvalidArgumentError(f"the parameter {name} has the name of a dimension of results: rename it")
-        arrays[name] = array
+        arrays[checks.name_of("name of a parameter", name)] = array
     sizes = {name: x.size for name, x in arrays.items()}
     if is_zip and len(set(sizes.values())) > 1:
         told = ", ".join(f"{size} of {name}" for name, size in sizes.items())
