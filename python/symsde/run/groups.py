@@ -109,7 +109,10 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
         refuse_sites(model, names)
         values = {name: np.broadcast_to(np.ravel(model.parameters[name]), paths) for name in names}
         return _of_rows(values)
-    labels = np.asarray(given)
+    try:
+        labels = np.asarray(given)
+    except ValueError:
+        raise WrongShapeError("groups are a nested sequence of unequal lengths: give (path,) whole numbers") from None
     if labels.dtype.kind not in "iub":
         raise WrongTypeError(
             f"groups = {checks.shown(given)} is not allowed: give the name of a parameter that differs by path, names "

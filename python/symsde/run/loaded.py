@@ -147,6 +147,8 @@ def load_file(path: Path) -> LoadedRun | LoadedMoments:
         if path.suffix == ".csv":
             return _from_table(path)
         variables, attributes = _arrays(path)
+        if np.ndim(variables.get("mean_q")) > 2:
+            _refuse_groups(path)
         if "q" in variables:
             return LoadedRun(path, variables, attributes)
         return LoadedMoments(path, _columns(variables, attributes), variables, attributes)
@@ -154,6 +156,14 @@ def load_file(path: Path) -> LoadedRun | LoadedMoments:
         raise
     except (KeyError, ValueError, IndexError, StopIteration) as error:
         raise SceneError(f"{path} holds neither paths nor moments of a run ({error!r}): give a file of one") from error
+
+
+def _refuse_groups(path: Path) -> None:
+    """Refuse a file with axes of values, which `Sweep.save` and `by_group.save` write for other programs."""
+    raise SceneError(
+        f"{path} holds moments of each value or group, in a form for other programs: read it by xarray, numpy or "
+        "pandas, or load the moments that were saved together with their groups"
+    )
 
 
 def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
@@ -199,6 +209,8 @@ def _from_table(path: Path) -> LoadedMoments:
         elif line.startswith("#") and key:  # a further line of a text
             attributes[key] += line[4:] + "\n"
     names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
+    if "n_ok" in names[2:]:
+        _refuse_groups(path)
     columns = dict(zip(names, np.array(rows, float).T, strict=True))
     columns["n_ok"] = columns["n_ok"].astype(int)
     tables = {
