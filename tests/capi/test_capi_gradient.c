@@ -74,7 +74,7 @@ static void run_with(double sigma, arrays *to) {
 
 int main(void) {
    symsde_model model = new_kubo(), wide = NULL;
-   symsde_scheme scheme = new_scheme("gauss2"), kicks = new_scheme("euler_maruyama");
+   symsde_scheme scheme = new_scheme("gauss2"), kicks = new_scheme("euler_maruyama"), decays = new_scheme("gjf");
    symsde_options options = some_options();
    symsde_input input = some_input(&one, &zero);
    symsde_traits traits;
@@ -156,6 +156,25 @@ int main(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "logs is NULL",
           symsde_path_tangent(model, model, scheme, &options, &input, 0, 1, NULL, 2, 1, &v[0][0][0], NULL, q_end, p_end,
                               status, failed_step, NULL, &error));
+
+   /* decays by rational functions, and noise of damping by three functionals */
+   const double rate = 0.5;
+   symsde_model pendulum = NULL;
+   OK(symsde_model_get("driven_pendulum", 0, NULL, NULL, &pendulum, &error));
+   OK(symsde_path_gradient(pendulum, pendulum, decays, &options, &input, 0, 1, NULL, last_q, NULL, value, by_q, by_p,
+                           status, failed_step, NULL, &error));
+   OK(symsde_model_set_damping(pendulum, 1, &rate, 0, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "rational functions",
+          symsde_path_gradient(pendulum, pendulum, decays, &options, &input, 0, 1, NULL, last_q, NULL, value, by_q,
+                               by_p, status, failed_step, NULL, &error));
+   symsde_scheme_delete(&decays);
+   decays = new_scheme("gauss_dkdkd");
+   options.damping_noise = SYMSDE_DAMPING_NOISE_LAW3;
+   EXPECT(SYMSDE_INCOMPATIBLE, "damping_noise \"law\", \"law2\"",
+          symsde_path_tangent(pendulum, pendulum, decays, &options, &input, 0, 1, NULL, 2, 0, &v[0][0][0], &logs[0][0],
+                              q_end, p_end, status, failed_step, NULL, &error));
+   symsde_model_delete(&pendulum);
+   symsde_scheme_delete(&decays);
    symsde_scheme_delete(&kicks);
    symsde_scheme_delete(&scheme);
    symsde_model_delete(&wide);

@@ -69,7 +69,7 @@ contains
       else if (task%damping%acts() .and. task%scheme%kicks%rational) then
          why = 'multiplies momenta by rational functions of rates'
       else if (task%damping%acts() .and. any(task%damping_noise == [noise_law3, noise_path])) then
-         why = 'takes damping_noise "law2" or "polynomial" for derivatives, not "law3" or "path"'
+         why = 'takes damping_noise "law", "law2" or "polynomial" for derivatives'
       else if (task%damping%acts() .and. (task%scheme%kicks%is_word() .or. .not. task%damping%is_scalar())) then
          why = 'has momenta that decay by several rates, or at kicks'
       else if (allocated(task%model%traits%quadratic_part)) then
