@@ -57,6 +57,7 @@ contains
       choice%newton%max_iter = options%max_iter
       choice%newton%fixed_point = options%fixed_point
       choice%as_increments = options%compensated
+      choice%step = options%step
    end function steppers_of
 
    !> The number of saved times of a run, the beginning included.

@@ -14,6 +14,7 @@ module symsde_step_factory
    use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path, &
                                   noise_polynomial
    use symsde_base_functionals, only: path_stt_area
+   use symsde_base_kinds, only: wp
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
@@ -72,6 +73,7 @@ module symsde_step_factory
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
       type(newton_options) :: newton = newton_options()
       logical :: as_increments = .false.  !! for compensated sums: exclude states, whose last digit is coarser
+      real(wp) :: step = 0           !! step with its sign [time], 0 where none is known
    end type stepper_options
 
    !> The order in which steppers are tried: special ones first, oracles last. Several may fit a task. The midpoint rule
@@ -204,7 +206,7 @@ contains
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general
-      call check_damping(task, error)
+      call check_damping(task, options%step, error)
       call check_damping_noise(task, error)
       call check_forces(task, error)
       call find_flow(task)
@@ -315,9 +317,10 @@ contains
       call move_alloc(damped, stepper)
    end subroutine make_damped
 
-   !> Refuse schemes that do not implement damping (scheme/damped).
-   subroutine check_damping(task, error)
+   !> Refuse schemes that do not implement damping (scheme/damped), or not over a step of this length.
+   subroutine check_damping(task, step, error)
       type(stepper_task), intent(in) :: task
+      real(wp), intent(in) :: step
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: why
       integer :: kind
@@ -339,6 +342,12 @@ contains
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' does not declare H = '// &
                     'p.M^-1 p/2 + U(q) with a constant M (identity_mass, constant_mass), and a matrix of '// &
                     'friction acts on velocities M^-1 p: give rates of the momenta')
+      else if (task%scheme%kicks%rational) then
+         if (any(task%damping%rate*step <= -2)) &
+            call raise(error, incompatible, 'check_damping', 'gamma h = '// &
+                       to_text(minval(task%damping%rate*step))//' by step = '//to_text(step)//', and scheme '// &
+                       task%scheme%name//' multiplies momenta by (1 - x)/(1 + x), x = gamma h/2, which has a pole '// &
+                       'at gamma h = -2: give a shorter step, or word:BAOAB')
       end if
    end subroutine check_damping
 

@@ -244,6 +244,20 @@ def test_gjf_is_lobatto_two_with_friction_as_a_force(step):
     np.testing.assert_allclose(run.p[1, 0], ended, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("rates", "step"), [(1.0, -2.0), (1.0, -3.0), ((0.1, 1.0), -2.0), (-1.0, 2.0)])
+def test_gjf_is_refused_beyond_its_pole(rates, step):
+    """(1 - x)/(1 + x), x = gamma h/2, has a pole at gamma h = -2 and the wrong sign beyond; forward it has none."""
+    model = ss.model_from_sympy("(p1**2 + p2**2)/2 + (q1**2 + q2**2)/200", noise=["q1"]).damped(rates, allow_gain=True)
+    run = {"q0": 0.1, "p0": 0.1, "scheme": "gjf", "steps": 1}
+    with pytest.raises(IncompatibleError, match="has a pole at gamma h = -2"):
+        ss.simulate(model, step=step, **run)
+    most = -np.multiply(rates, step).min()
+    with pytest.raises(IncompatibleError, match=f"gamma h = {-most:g} by step"):
+        ss.prepare(model, "gjf", step=step, q0=0.1, p0=0.1)
+    for near in (1.98 / most * step, -step):
+        assert np.isfinite(ss.simulate(model, step=near, **run).q).all()
+
+
 def means_of_squares(beta):
     """Means of q^2 and p^2 in the quartic well with their standard errors, over 12000 paths and 1000 times of each."""
     model = ss.thermostat(ss.model_from_sympy("p**2/2 + q**4/4"), beta=beta, gamma=1.0)
