@@ -21,6 +21,7 @@ from . import diagnose, errors, models, observe, schemes, states
 from .answers.advice.advise import Advice, advise
 from .answers.coupled import LevelSampler, level_sampler
 from .answers.expectation.answer import Alternative, Answer, Multilevel
+from .answers.expectation.by_value import Answers
 from .answers.expectation.expect import expect
 from .answers.expectation.mlmc import mlmc
 from .answers.mean_square import MeanSquare, mean_square
@@ -83,6 +84,7 @@ __all__ = [
     "Advice",
     "Alternative",
     "Answer",
+    "Answers",
     "BudgetWarning",
     "Commutator",
     "Convergence",

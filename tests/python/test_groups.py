@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Moments and observers of groups of paths, by values of parameters or by labels."""
 
+import csv
+
 import numpy as np
 import pytest
 import symsde as ss
@@ -9,6 +11,7 @@ from symsde.batch import scene
 from symsde.errors import (
     IncompatibleError,
     InvalidArgumentError,
+    NotSavedWarning,
     PathsFailedWarning,
     SceneError,
     UnknownNameError,
@@ -140,12 +143,14 @@ def test_files(tmp_path):
     data = found.to_xarray()
     assert data["mean_q"].dims == ("time", "dof", "group") and data["h_share"].dims[0] == "group"
     assert np.array_equal(data["h_share"], [x.share for x in found.observed["h"]])
-    found.save(tmp_path / "groups.csv")
+    with pytest.warns(NotSavedWarning, match="results of the observers h"):
+        found.save(tmp_path / "groups.csv")
     lines = [x for x in (tmp_path / "groups.csv").read_text().splitlines() if not x.startswith("#")]
     assert len(lines) == 10 and lines[0].startswith("t,group,n_ok,mean q_1")
+    plain = ss.moments(ss.models.kubo(), groups=LABELS["turns"], **RUN).by_group
     swept = ss.sweep(ss.models.kubo(), {"a": [1.0, 2.0]}, keep_paths=True, **RUN | {"paths": 4})
     for suffix in ("csv", "npz", "nc"):
-        for kind, result in (("groups", found), ("swept", swept)):
+        for kind, result in (("groups", plain), ("swept", swept)):
             result.save(tmp_path / f"{kind}.{suffix}")
             with pytest.raises(SceneError, match="moments of each value or group"):
                 ss.load(tmp_path / f"{kind}.{suffix}")
@@ -154,6 +159,28 @@ def test_files(tmp_path):
     assert np.array_equal(again.table("se_mean"), found.table("se_mean"))
     told, known = ({**x.attributes(), "date": "", "history": ""} for x in (again, found))  # the clock goes on
     assert told == known
+
+
+def test_exit_times_in_files(tmp_path):
+    """Shares that have left are columns of tables; lists of exits, of another length in each group, are filled up."""
+    asked = {"x": kinds()["x"], "e": kinds()["e"]}
+    found = ss.moments(ss.models.kubo(), groups=LABELS["uneven"], observers=asked, **RUN).by_group
+    exits = found.observed["x"]
+    with pytest.warns(NotSavedWarning, match="observers x, e"):
+        found.save(tmp_path / "groups.csv")
+    lines = [x for x in (tmp_path / "groups.csv").read_text().splitlines() if not x.startswith("#")]
+    rows = list(csv.DictReader(lines))
+    assert [float(x["x_lost"]) for x in rows[-7:]] == [x.lost[-1] for x in exits] != [exits[0].lost[-1]] * 7
+    assert [float(x["e_mean_lowest"]) for x in rows[-7:]] == [x.mean_lowest[-1] for x in found.observed["e"]]
+    data = found.to_xarray()
+    longest = max(x.path.size for x in exits)
+    assert data["x_path"].dims == ("group", "x_listed") and data["x_path"].shape == (7, longest)
+    assert {x.path.size for x in exits} > {longest}
+    for k, x in enumerate(exits):
+        n = x.path.size
+        assert np.array_equal(data["x_path"][k, :n], x.path) and (data["x_path"][k, n:] == -1).all()
+        assert np.array_equal(data["x_state"][k, :n], x.state) and np.isnan(data["x_state"][k, n:]).all()
+        assert data["x_mean"].sel(group=k, x_coordinate="q_1") == x.mean["q_1"]
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,10 @@ OWN = {
         {"model": ss.models.linear_oscillator(), "beta": np.array(2.0), "gamma": OMITTED},
     ],
     "level_sampler": [{**ONE_STATE, "steps": 4, "antithetic": True, "truncation": (8, 4.0)}],
-    "expect": [{**ONE_STATE, "abs": 0.3, "method": "plain", "truncation": (8, 4.0)}],
+    "expect": [
+        {**ONE_STATE, "abs": 0.3, "method": "plain", "truncation": (8, 4.0), "groups": OMITTED},
+        {**ONE_STATE, "model": FORMULA, "abs": 0.3, "method": "plain", "groups": ("k",)},
+    ],
     "mlmc": [{**ONE_STATE, "abs": 0.3, "steps": 4, "truncation": (8, 4.0)}],
     "advise": [{**ONE_STATE, "model": LINEAR, "tolerance": 0.1}],
     "convergence": [{**STUDY, "truncation": (8, 4.0)}],
@@ -280,8 +283,8 @@ CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: results that hold s
 PACKAGES = {f"{x}_{kind}": x for x in ("torch", "jax") for kind in ("function", "derivative")}
 RESULTS = (
     "Run Moments PreparedRun LevelSampler OpenRun Sweep schemes.Scheme Scheme FormulaModel open_run load Advice "
-    "Alternative Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed "
-    "observe.Observer states.States"
+    "Alternative Answer Answers Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision "
+    "observe.Observed observe.Observer states.States"
 )
 
 

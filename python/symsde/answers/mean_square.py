@@ -24,6 +24,7 @@ from ..native import checks
 from ..run.exact_moments import exponential, linear_field
 from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
+from .expectation.problem import require_one_value
 
 MOST_NOISES = 2
 MOST_POINTS = 2**21  #: most points of the rules; a step that needs more is not averaged
@@ -97,6 +98,7 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
 
 
 def _refuse(model: Model, scheme: Scheme) -> None:
+    require_one_value(model)
     require_unforced(model, "growth of second moments is computed")
     if model._varying:
         raise IncompatibleError(

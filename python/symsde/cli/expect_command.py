@@ -9,7 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..answers.expectation.answer import Answer
+from ..answers.expectation.by_value import Answers, told_point
 from ..answers.expectation.expect import expect
 from ..answers.expectation.problem import OPTIONS
 from ..batch import scene
@@ -68,12 +71,19 @@ def _say_how_to_go_on(options: argparse.Namespace) -> None:
         print(f"symsde: what was drawn is in {options.out}: resume with `{shlex.join(again)}`", file=sys.stderr)
 
 
-def _show(f: str, answer: Answer, quiet: bool) -> None:
-    low, high = answer.interval
-    print(f"E {f} = " + (f"{answer.value:.12g} [{low:.12g}, {high:.12g}]" if quiet else str(answer)), flush=True)
+def _show(f: str, answer: Answer | Answers, quiet: bool) -> None:
+    if not quiet:
+        print(f"E {f}:\n{answer}" if isinstance(answer, Answers) else f"E {f} = {answer}", flush=True)
+        return
+    many = isinstance(answer, Answers)
+    pairs = zip(answer.points(), answer.answers, strict=True) if many else [({}, answer)]
+    for point, x in pairs:
+        if x is not None:
+            after = f", {told_point(point)}: " if point else " = "
+            print(f"E {f}{after}{x.value:.12g} [{x.interval[0]:.12g}, {x.interval[1]:.12g}]", flush=True)
 
 
-def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answer:
+def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answer | Answers:
     try:
         return expect(model, f, **arguments)
     except SymsdeError as error:
@@ -81,8 +91,8 @@ def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answe
 
 
 def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str, Any]]:
-    """The model of a scene, the formulas of [expect], and arguments of `expect`; `given` replaces those of the
-    scene."""
+    """The model of a scene, the formulas of [expect], and arguments of `expect`; `given` replaces those of the scene.
+    Parameters that go by path have an answer for each value."""
     chosen = scene.load(file)
     if "f" not in chosen.expect:
         raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')
@@ -94,4 +104,6 @@ def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str
     wanted = wanted if isinstance(wanted, list) else [wanted]
     if not wanted or not all(isinstance(f, str) for f in wanted):
         raise SceneError(f'{file}: [expect] f = {wanted!r}: give a formula such as "q**2", or a list of formulas')
+    if several := [name for name, x in chosen.model.parameters.items() if isinstance(x, np.ndarray) and x.size > 1]:
+        known["groups"] = several
     return chosen.model, wanted, known

@@ -181,7 +181,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         if moments.observers or moments.groups:
             moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
         if moments.by_group is not None:
-            moments.by_group.save(folder.path / BY_VALUE)
+            moments.by_group.save_table(folder.path / BY_VALUE)
         report, failed, doubts = moments.report, moments.report.failed, moments.doubts()
         remarks = [] if quiet else moments.remarks()
         if not quiet:

@@ -50,9 +50,11 @@ def axes(t: np.ndarray, ndof: int) -> dict[str, tuple[tuple[str, ...], np.ndarra
 
 
 def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[str, str]):
-    """An xarray dataset; time is a plain number, not a date, and t selects as time does."""
+    """An xarray dataset; time, if there is one, is a plain number, not a date, and t selects as time does."""
     xarray = optional("xarray", "xarray")
-    result = xarray.Dataset(dict(variables), coords=dict(coordinates), attrs=dict(attributes)).set_xindex("t")
+    result = xarray.Dataset(dict(variables), coords=dict(coordinates), attrs=dict(attributes))
+    if "t" in coordinates:
+        result = result.set_xindex("t")
     for name, variable in result.variables.items():
         variable.attrs["long_name"] = long_name(str(name))
         if variable.dtype.kind in "fiu":

@@ -9,11 +9,12 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from ..errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
+from ..errors import IncompatibleError, InvalidArgumentError, NotSavedWarning, WrongShapeError, WrongTypeError
 from ..model.definition import Model
 from ..native import checks, files
 from ..show import plot, tables
@@ -53,6 +54,35 @@ class Grid:
     def count(self) -> int:
         """Number of points."""
         return math.prod(self.shape)
+
+    def points(self) -> list[dict[str, float]]:
+        """The values of each point, the last axis fastest."""
+        flat = {name: x.tolist() for name, x in self.flat().items()}
+        return [dict(zip(flat, row, strict=True)) for row in zip(*flat.values(), strict=True)]
+
+    def coordinates(self) -> files.Variables:
+        """The values as coordinates of files."""
+        return {name: (("value",) if self.is_zip else (name,), x) for name, x in self.values.items()}
+
+    def counted(self) -> str:
+        """How many values there are, for people."""
+        return " x ".join(f"{checks.counted(n, 'value')} of {x}" for x, n in zip(self.dims, self.shape, strict=True))
+
+    def curves(self, over: str | None, mean: np.ndarray, error: np.ndarray) -> tuple[str, list[tuple]]:
+        """The parameter of an abscissa, by default the first, and curves of means (..) over it for figures: one for
+        each value of the others, at most eight.
+        """
+        axes = list(self.values)
+        axis = 0 if over is None else checks.choice("over", over, axes)
+        x = self.values[axes[axis]]
+        if self.is_zip:
+            return axes[axis], [("", x, mean, error)]
+        others, found = [name for name in axes if name != axes[axis]], []
+        for places in itertools.islice(itertools.product(*(range(self.values[y].size) for y in others)), 8):
+            label = ", ".join(f"{y} = {self.values[y][i]:g}" for y, i in zip(others, places, strict=True))
+            where = (*places[:axis], slice(None), *places[axis:])
+            found.append((label, x, mean[where], error[where]))
+        return axes[axis], found
 
     def told(self) -> str:
         """The values as text for files."""
@@ -106,9 +136,7 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
         names = list(dict.fromkeys(several))
         for name in names:
             checks.choice("the parameter of groups", name, list(model.parameters))
-        refuse_sites(model, names)
-        values = {name: np.broadcast_to(np.ravel(model.parameters[name]), paths) for name in names}
-        return _of_rows(values)
+        return groups_by_parameters(model, names, paths)
     try:
         labels = np.asarray(given)
     except ValueError:
@@ -124,6 +152,12 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
     if int(found[-1]) > np.iinfo(np.int64).max:
         raise InvalidArgumentError(f"groups hold the label {found[-1]}: give whole numbers below 2**63")
     return groups_of_points(Grid({"group": found.astype(np.int64)}, is_zip=False), places)
+
+
+def groups_by_parameters(model: Model, names: Iterable[str], paths: int) -> Groups:
+    """Groups of paths with the same values of these parameters."""
+    refuse_sites(model, names)
+    return _of_rows({name: np.broadcast_to(np.ravel(model.parameters[name]), paths) for name in names})
 
 
 def refuse_sites(model: Model, names: Iterable[str]) -> None:
@@ -226,8 +260,7 @@ class GroupedMoments:
 
     def points(self) -> list[dict[str, float]]:
         """The values of each group, the last axis fastest."""
-        flat = {name: x.tolist() for name, x in self._grid.flat().items()}
-        return [dict(zip(flat, row, strict=True)) for row in zip(*flat.values(), strict=True)]
+        return self._grid.points()
 
     def table(self, kind: str) -> np.ndarray:
         """The table of one kind, "mean", "var" or "se_mean": (name, time, ..), the names in the order of `columns`."""
@@ -253,13 +286,30 @@ class GroupedMoments:
             variables |= {name: x for name, x in self._coordinates().items() if name not in ("time", "t", "dof")}
             files.write(target, self.to_xarray, variables, self.attributes(), also=".csv, ")
             return
+        if missing := self.save_table(target):
+            checks.warn(
+                f"{target}: a table of times and values cannot hold all results of the observers {', '.join(missing)}: "
+                "save a .nc or .npz file, too",
+                NotSavedWarning,
+            )
+
+    def save_table(self, target: Path) -> list[str]:
+        """Write a .csv table of all results with one number for each time and value. Observers are returned that have
+        further results."""
         times, points = len(self.t), self._grid.count
         columns = {"t": np.repeat(self.t, points)}
         columns |= {name: np.tile(x, times) for name, x in self._grid.flat().items()}
         columns["n_ok"] = self.n_ok.ravel()
         for kind, table in self._tables.items():
             columns |= {f"{kind} {name}": x.ravel() for name, x in zip(self.columns(), table, strict=True)}
+        missing = []
+        for name in self.observed:
+            found = self._of_observer(name)
+            fits = {key: x for key, (dims, x) in found.items() if dims == (*self.dims, "time")}
+            columns |= {key: np.moveaxis(x, -1, 0).ravel() for key, x in fits.items()}
+            missing += [name] if len(fits) < len(found) else []
         tables.write(target, columns, self.attributes())
+        return missing
 
     def plot(self, path=None, *, ax=None, of: str | None = None, over: str | None = None, at: int = -1):
         """Draw means over a parameter with a band of two standard errors, at one saved time.
@@ -268,40 +318,22 @@ class GroupedMoments:
         mean is drawn once for each value of the others, at most eight curves; at: index of the saved time. A figure is
         written if a path is given; or draw into `ax`.
         """
-        names, axes = self.columns(), list(self.parameters)
+        names = self.columns()
         place = 0 if of is None else checks.choice("of", self.values.called(of), names)
-        axis = 0 if over is None else checks.choice("over", over, axes)
-        over = axes[axis]
-        mean, error = (self._tables[kind][place][at] for kind in ("mean", "se_mean"))
-        x, told = self.parameters[over], f"{names[place]} at t = {self.t[at]:g}"
-        if self._grid.is_zip:
-            return plot.sweep(self.title, (over, told), [("", x, mean, error)], (path, ax))
-        others = [name for name in axes if name != over]
-        curves = []
-        for places in itertools.islice(itertools.product(*(range(self.parameters[y].size) for y in others)), 8):
-            label = ", ".join(f"{y} = {self.parameters[y][i]:g}" for y, i in zip(others, places, strict=True))
-            where = (*places[:axis], slice(None), *places[axis:])
-            curves.append((label, x, mean[where], error[where]))
-        return plot.sweep(self.title, (over, told), curves, (path, ax))
+        over, curves = self._grid.curves(over, *(self._tables[kind][place][at] for kind in ("mean", "se_mean")))
+        return plot.sweep(self.title, (over, f"{names[place]} at t = {self.t[at]:g}"), curves, (path, ax))
 
     @property
     def title(self) -> str:
         """Model and scheme."""
         return self._origin.title
 
-    def _axes(self) -> str:
-        return " x ".join(
-            f"{checks.counted(n, 'value')} of {x}" for x, n in zip(self.dims, self._grid.shape, strict=True)
-        )
-
     def __repr__(self) -> str:
         """One line."""
-        return f"<moments of groups of {self.title}: {self._axes()}, {checks.counted(len(self.t), 'time')}>"
+        return f"<moments of groups of {self.title}: {self._grid.counted()}, {checks.counted(len(self.t), 'time')}>"
 
     def _coordinates(self) -> files.Variables:
-        found = files.axes(self.t, self.values.ndof)
-        found |= {name: (("value",) if self._grid.is_zip else (name,), x) for name, x in self.parameters.items()}
-        return found
+        return {**files.axes(self.t, self.values.ndof), **self._grid.coordinates()}
 
     def _variables(self) -> files.Variables:
         dims, ndof = self.dims, self.values.ndof
@@ -311,22 +343,34 @@ class GroupedMoments:
                 found[f"{kind}_{letter}"] = (("time", "dof", *dims), getattr(self, f"{kind}_{letter}"))
             for name, x in zip(self.columns()[2 * ndof :], self._tables[kind][2 * ndof :], strict=True):
                 found[f"{kind}_{name}"] = (("time", *dims), x)
-        return found | self._of_observers()
-
-    def _of_observers(self) -> files.Variables:
-        """Variables of observers, with the axes of the groups first."""
-        found: files.Variables = {}
-        for name, results in self.observed.items():
-            each = [x.variables(name) if x is not None else None for x in results]
-            first = next((x for x in each if x is not None), {})
-            for key, (axes, sample) in first.items():
-                shapes = {np.shape(x[key][1]) for x in each if x is not None}
-                if len(shapes) > 1 or np.asarray(sample).dtype.kind in "OU":
-                    continue  # lists of another length in each group, and names
-                blank = np.full(np.shape(sample), np.nan)
-                rows = np.array([blank if x is None else x[key][1] for x in each])
-                found[key] = ((*self.dims, *axes), rows.reshape(*self._grid.shape, *rows.shape[1:]))
+        for name in self.observed:
+            found |= self._of_observer(name)
         return found
+
+    def _of_observer(self, name: str) -> files.Variables:
+        """Variables of an observer, with the axes of the groups first."""
+        found: files.Variables = {}
+        each = [x.variables(name) if x is not None else None for x in self.observed[name]]
+        first = next((x for x in each if x is not None), {})
+        for key, (axes, sample) in first.items():
+            if np.asarray(sample).dtype.kind in "OU":  # names, the same in each group
+                found[key] = axes, sample
+                continue
+            rows = _padded([None if x is None else np.asarray(x[key][1]) for x in each])
+            found[key] = ((*self.dims, *axes), rows.reshape(*self._grid.shape, *rows.shape[1:]))
+        return found
+
+
+def _padded(rows: list[np.ndarray | None]) -> np.ndarray:
+    """The rows as one array: shorter lists, and rows that are None, are filled up by NaN, or whole numbers by -1."""
+    there = [x for x in rows if x is not None]
+    shape = tuple(np.max([x.shape for x in there], axis=0)) if there[0].ndim else ()
+    is_whole = there[0].dtype.kind in "iu"
+    found = np.full((len(rows), *shape), -1 if is_whole else np.nan, np.int64 if is_whole else float)
+    for i, x in enumerate(rows):
+        if x is not None:
+            found[i, *map(slice, x.shape)] = x
+    return found
 
 
 PREFIX = "group_"  #: of variables of groups in files of moments

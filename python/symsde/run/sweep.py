@@ -135,7 +135,7 @@ class Sweep(GroupedMoments):
     def __repr__(self) -> str:
         """One line."""
         return (
-            f"<sweep of {self.title}: {self._axes()}, {checks.counted(self.paths, 'path')} each, "
+            f"<sweep of {self.title}: {self._grid.counted()}, {checks.counted(self.paths, 'path')} each, "
             f"{checks.counted(len(self.t), 'time')}, {self.report.failed} failed>"
         )
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Unpack
+from typing import Any, Unpack, overload
 
 from ...model.definition import Model
 from ...native import checks
@@ -12,6 +12,7 @@ from ...native.progress import Progress
 from ...run.setup import EndOptions
 from ...schemes import Scheme, as_scheme
 from .answer import Answer
+from .by_value import Answers, answers_by_value, grid_of
 from .candidates import suitable
 from .carry_out import Execution
 from .choice import ANTITHETIC, EVEN_LEVELS, METHODS, MULTILEVEL, PLAIN, Plan
@@ -25,6 +26,44 @@ from .watch import Watch
 _GONE = {"control variate": (ANTITHETIC, PLAIN), "extrapolated": (MULTILEVEL,), "quasi-Monte Carlo": (EVEN_LEVELS,)}
 
 
+@overload
+def expect(
+    model: Model,
+    f: Function | str,
+    *,
+    q0: Any,
+    p0: Any,
+    horizon: float,
+    abs: float | None = None,
+    rel: float | None = None,
+    seed: int = 0,
+    scheme: str | Scheme | None = None,
+    method: str | None = None,
+    max_time: float | None = None,
+    progress: Progress = False,
+    out: str | os.PathLike | None = None,
+    groups: None = None,
+    **options: Unpack[EndOptions],
+) -> Answer: ...
+@overload
+def expect(
+    model: Model,
+    f: Function | str,
+    *,
+    q0: Any,
+    p0: Any,
+    horizon: float,
+    abs: float | None = None,
+    rel: float | None = None,
+    seed: int = 0,
+    scheme: str | Scheme | None = None,
+    method: str | None = None,
+    max_time: float | None = None,
+    progress: Progress = False,
+    out: str | os.PathLike | None = None,
+    groups: Any,
+    **options: Unpack[EndOptions],
+) -> Answers: ...
 @checks.hinted(*OPTIONS)
 def expect(
     model: Model,
@@ -41,8 +80,9 @@ def expect(
     max_time: float | None = None,
     progress: Progress = False,
     out: str | os.PathLike | None = None,
+    groups: Any = None,
     **options: Unpack[EndOptions],
-) -> Answer:
+) -> Answer | Answers:
     """Estimate E f(q, p) at t0 + horizon with a 95 % interval of the half width that you ask for, in the cheapest way.
 
     - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as `"q**2"`
@@ -51,6 +91,9 @@ def expect(
     - scheme, method: use this one; methods are plain, antithetic, multilevel and multilevel quasi-Monte Carlo
     - max_time: seconds of the clock after which the interval reached so far is returned
     - out: a folder that keeps the choice and the draws; the same call resumes it, and several processes can share it
+    - groups: the name of a parameter that has an array of values in the model, or names of all that have: an answer for
+      each value, that of a model with this number, in arrays of `Answers`. max_time is for all; of values that go
+      together, and of a value that is there several times, there is one answer; folders are out/value-1, ..
     - options: t0, correction, truncation, areas, area_time, damping_noise, compensated and threads of `simulate`
 
     A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the given one. Then the
@@ -65,6 +108,10 @@ def expect(
     If f varies on too few paths, rare events may be missing from the sample. The half width is then at least 3.84/paths
     times the scale of f. If this makes the interval wider than asked, `reached` is false, and a note says so.
     """
+    if groups is not None:
+        asked = {"q0": q0, "p0": p0, "horizon": horizon, "abs": abs, "rel": rel, "seed": seed, "scheme": scheme}
+        asked |= {"method": method, "max_time": max_time, "progress": progress, "out": out, **options}
+        return answers_by_value(expect, model, f, grid_of(model, groups, "expect"), **asked)
     watch = Watch(max_time, progress)
     with watch.carrying(Answer):
         problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, WrongShapeError, WrongTypeError
+from ...errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
 from ...model.definition import Model, require_model
 from ...model.formulas.formula_observables import FormulaObservables
 from ...native import checks
@@ -122,6 +122,7 @@ def make_problem(
 ) -> Problem:
     """Check all arguments and make their problem; a refusal is a sentence that says what to give."""
     require_model(model)
+    require_one_value(model)
     checks.not_given("a question with a horizon", options, _DECIDED)
     for key in options:
         if key not in OPTIONS:
@@ -143,6 +144,17 @@ def make_problem(
     problem.target.try_at(problem.q0, problem.p0)
     try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
     return problem
+
+
+def require_one_value(model: Model) -> None:
+    """Refuse a model whose parameters have values by path: an answer finds the number of paths itself."""
+    names = [name for name, x in model.parameters.items() if isinstance(x, np.ndarray) and x.size > 1]
+    if names:
+        asked = repr(names[0] if len(names) == 1 else names)
+        raise IncompatibleError(
+            f"model {model.name} has an array of values of {', '.join(names)}, and an answer is for one: give numbers, "
+            f"by model.with_parameters, or groups={asked} to `expect` for an answer to each value"
+        )
 
 
 class Target:
