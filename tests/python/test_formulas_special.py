@@ -21,6 +21,7 @@ CASES = {
     "besselj(0, q)": (lambda x: mp.besselj(0, x), 40),
     "besselj(1, 2*q)": (lambda x: mp.besselj(1, 2 * x), 40),
     "besselj(7, q)": (lambda x: mp.besselj(7, x), 40),
+    "besselj(37, q)": (lambda x: mp.besselj(37, x), 40),
     "bessely(0, q)": (lambda x: mp.bessely(0, x), 40),
     "bessely(3, q)": (lambda x: mp.bessely(3, x), 40),
 }
