@@ -263,6 +263,18 @@ def test_what_else_is_told():
     run = {"q0": np.linspace(0, 1, 12), "p0": 0.0, "step": 0.1, "steps": 2, "paths": 3}
     with pytest.raises(InvalidArgumentError, match="observables do not"):
         ss.moments(model, **run, observables={"o": "Sum(q[i]*q[j], i < j)"})
+    with pytest.raises(InvalidArgumentError, match=r"index of x: an index goes over all .* there are x_1, x_2, \.\."):
+        ss.moments(model, **run, observables={"o": "Sum(x[i]**2, i)"})
+    with pytest.raises(InvalidArgumentError, match="m is nan at site 1"):
+        model.with_parameters(m=[1.0, np.nan, 1.0, 1.0])
+    with pytest.raises(InvalidArgumentError, match="m is inf at site 0"):
+        bodies(2, m=[np.inf, 1.0])
+    with pytest.raises(WrongShapeError, match=r"give a number, or \(site,\), a number for each site"):
+        model.with_parameters(m=np.ones((4, 2)))
+    with pytest.raises(WrongShapeError, match="m has 1 value for 4 sites"):
+        model.with_parameters(m=1.0)
+    with pytest.raises(IncompatibleError, match=r"give a function .* lambda G: model.with_parameters\(G=G\)"):
+        ss.sweep(model, {"G": [1.0, 2.0]}, **run)
     with pytest.raises(IncompatibleError, match="'o' holds m, whose values differ from site to site"):
         ss.moments(model, **run, observables={"o": "m*x_1"})
     found = ss.moments(model, **run, observables={"o": "x_2 - q_4 + Sum(q[i], i)"})

@@ -214,6 +214,14 @@ def sweep(
         require_model(model)
     if many:
         refuse_sites(model, points)
+        if chained := [x for x in points if x in model.parameters and getattr(model, "_chain", None)]:
+            names = ", ".join(chained)
+            raise IncompatibleError(
+                f"{names} of model {model.name} cannot differ from path to path, since it has sums over sites: give a "
+                f"function that makes the model of a value, as lambda {names}: model.with_parameters("
+                + ", ".join(f"{x}={x}" for x in chained)
+                + ")"
+            )
 
     def made(groups: slice, each: int) -> Model:
         here = {name: x[groups] for name, x in points.items()}

@@ -107,7 +107,8 @@ class FormulaModel(Model):
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
-        chosen = {key: parameters.value_of(key, value) for key, value in chosen.items()}
+        each = "site" if self._chain else "path"
+        chosen = {key: parameters.value_of(key, value, each) for key, value in chosen.items()}
         for key in self._chain.arrays if self._chain else ():
             if key in chosen:
                 chosen[key] = by_site(key, chosen[key], self._chain.n)

@@ -159,7 +159,8 @@ class Names:
         for letter, given in coordinates.items():
             for i, x in enumerate(given):
                 self._coordinate(letter, i, x)
-        self._parameters({} if params is None else params)
+        each = "path" if coordinates else "site"  # sites have names of their own
+        self._parameters({} if params is None else params, each)
         self._time(t)
 
     def _coordinate(self, letter: str, i: int, given: Any) -> None:
@@ -175,13 +176,13 @@ class Names:
                 f"count coordinates {letter}1, {letter}2, .. from 1, or give them names without q, p and numbers"
             )
 
-    def _parameters(self, params: Mapping) -> None:
+    def _parameters(self, params: Mapping, each: str) -> None:
         if not isinstance(params, Mapping):
             raise WrongTypeError(f"params = {checks.shown(params)} is no table: give a dict, name -> number")
         for k, (key, value) in enumerate(params.items()):
             symbol = self.sympy.Symbol(f"c{k}", real=True)
             self._name(key, symbol, "the parameter")
-            self.values[folded(getattr(key, "name", key))] = parameters.value_of(str(key), value)
+            self.values[folded(getattr(key, "name", key))] = parameters.value_of(str(key), value, each)
 
     def _time(self, t: Any) -> None:
         symbol = self.sympy.Symbol("t", real=True)

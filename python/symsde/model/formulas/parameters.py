@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from .formula_model import FormulaModel
 
 
-def value_of(name: str, given: object) -> float | np.ndarray:
-    """The value of a parameter: a finite number, or a copy of an array (path,) of finite numbers."""
+def value_of(name: str, given: object, each: str = "path") -> float | np.ndarray:
+    """The value of a parameter: a finite number, or a copy of an array with a finite number for each path or site."""
     if not is_array(given):
         return checks.finite(f"the parameter {name}", given)
     values = np.array(checks.real_array(f"the parameter {name}", given))
     if values.ndim != 1 or not values.size:
         raise WrongShapeError(
-            f"the parameter {name} has shape {values.shape}: give a number, or (path,), a number for each path"
+            f"the parameter {name} has shape {values.shape}: give a number, or ({each},), a number for each {each}"
         )
     if not np.isfinite(values).all():
         first = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise InvalidArgumentError(f"the parameter {name} is {values[first]} at path {first}: give finite numbers")
+        raise InvalidArgumentError(f"the parameter {name} is {values[first]} at {each} {first}: give finite numbers")
     values.flags.writeable = False
     return values
 

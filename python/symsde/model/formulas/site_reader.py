@@ -97,6 +97,11 @@ class SiteReader(Reader):
                     f"it holds an index of {name}, whose value is one number: give an array with a number for each "
                     f"site, or write {name} without an index"
                 )
+            if f"{name}_1" in self.names:
+                raise FormulaTextError(
+                    f"it holds an index of {name}: an index goes over all coordinates here, as in {self._shown}; of "
+                    f"{name} there are {name}_1, {name}_2, .."
+                )
             raise FormulaTextError(
                 f"it holds an index of something that is not {self._shown}, and no parameter with a number for each "
                 "site"

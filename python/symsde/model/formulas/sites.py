@@ -249,8 +249,9 @@ def by_site(name: str, value: Any, count: int) -> tuple[float, ...]:
     """The values of a parameter at all sites."""
     if np.shape(value) != (count,):
         raise WrongShapeError(
-            f"the parameter {name} has {np.size(value)} values for {count} sites: in sums over sites an array holds a "
-            "number for each site; for parameters that differ by path make a run for each value"
+            f"the parameter {name} has {np.size(value)} value{'s' * (np.size(value) != 1)} for {count} sites: in sums "
+            "over sites an array holds a number for each site; for parameters that differ by path make a run for each "
+            "value"
         )
     return tuple(np.asarray(value, dtype=float).tolist())
 
