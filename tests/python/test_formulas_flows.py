@@ -129,11 +129,15 @@ CORRECTED = {  # H, noises, schemes of the pair whose corrected steps are genera
 }
 
 
+def corrected(name: str) -> tuple[ss.Model, tuple[str, ...]]:
+    H, noise, schemes = CORRECTED[name]
+    return ss.model_from_sympy(H, noise, params={k: v for k, v in PARAMS.items() if k in H + "".join(noise)}), schemes
+
+
 @pytest.mark.parametrize("name", CORRECTED)
 def test_corrected_steps_are_those_of_the_general_stepper(name):
     """The corrected Euler pair is generated if the end of a step is explicit, and not for other noises."""
-    H, noise, schemes = CORRECTED[name]
-    mine = ss.model_from_sympy(H, noise, params={k: v for k, v in PARAMS.items() if k in H + "".join(noise)})
+    mine, schemes = corrected(name)
     run = {**RUN, "correction": "auto", "steps": 37}
     for scheme in ALL[:2]:
         whole, plain = (ss.simulate(mine, scheme=scheme, **run, paths=85, general=g) for g in (False, True))
@@ -142,13 +146,21 @@ def test_corrected_steps_are_those_of_the_general_stepper(name):
             np.testing.assert_allclose(x, y, rtol=0, atol=60 * np.spacing(np.abs(y).max()))
         alone = ss.simulate(mine, scheme=scheme, **run, paths=1, first_path=84)
         np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, 84])
-        whole, plain = (ss.simulate(mine.damped(8.0), scheme=scheme, **run, paths=85, general=g) for g in (False, True))
+        none = ss.simulate(mine, scheme=scheme, **{**run, "correction": "none"}, paths=85)
+        assert scheme not in schemes or np.abs(none.q - whole.q).max() > 1e-4
+
+
+@pytest.mark.parametrize("name", CORRECTED)
+@pytest.mark.usefixtures("quick_compiler")
+def test_damped_corrected_steps_are_those_of_the_general_stepper(name):
+    """The same with damping, in all lanes."""
+    closed, schemes = corrected(name)
+    run = {**RUN, "correction": "auto", "steps": 37, "paths": 85}
+    for scheme in ALL[:2]:
+        whole, plain = (ss.simulate(closed.damped(8.0), scheme=scheme, **run, general=g) for g in (False, True))
         assert whole.report.stepper.startswith("whole corrected steps of ") == (scheme in schemes)
         for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
             np.testing.assert_allclose(x, y, rtol=0, atol=60 * np.spacing(np.abs(y).max()))
-        whole = ss.simulate(mine, scheme=scheme, **run, paths=85)
-        none = ss.simulate(mine, scheme=scheme, **{**run, "correction": "none"}, paths=85)
-        assert scheme not in schemes or np.abs(none.q - whole.q).max() > 1e-4
 
 
 @pytest.mark.parametrize("scheme", ALL[:2])
