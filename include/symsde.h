@@ -188,11 +188,12 @@ int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
 int symsde_model_set_derived(symsde_model model, symsde_error *error);
 /* damp the momenta of any model: dp_i = .. - gamma_i p_i dt beside the Hamiltonians, with nrate = 1 rate for all degrees
  * of freedom or one for each [1/time]. Rates of zero take it back. A negative rate needs allow_gain. No run may be using
- * the model. Tableaux execute it, and free drifts with kicks; other schemes are refused */
+ * the model. Tableaux execute it, and kicks between drifts, rotations or midpoint steps; words take one rate. Schemes of
+ * brackets, and of increments for means alone, are refused */
 int symsde_model_set_damping(symsde_model model, int nrate, const double *rates, int allow_gain, symsde_error *error);
 /* Damp by rates that are a function of position, of time or of both, gamma_i(q, t), with nrate = 1 or one for each degree of
  * freedom, in the place of others; NULL takes them back. A path fails where a rate is negative without allow_gain. No run
- * may be using the model. Tableaux and free drifts with kicks execute it; other schemes are refused */
+ * may be using the model. Tableaux and free drifts with kicks execute it, but words do not; other schemes are refused */
 enum symsde_depends { SYMSDE_ON_POSITION = 1, SYMSDE_ON_TIME = 2, SYMSDE_ON_POSITION_AND_TIME = 3 };
 int symsde_model_set_damping_function(symsde_model model, symsde_damping rates, int nrate, int depends, int allow_gain,
                                       void *user, symsde_error *error);

@@ -19,12 +19,15 @@ module symsde_base_damping
    implicit none
    private
    public :: damping_type, new_damping, decay_less_one
+   public :: door_of_gain
    public :: noise_of_scheme, noise_law2, noise_law3, noise_path, noise_polynomial
 
    interface new_damping
       module procedure new_rates, new_friction, new_varying
    end interface new_damping
 
+   character(*), parameter :: door_of_gain = &
+                              'allow gain where damping is set (model.damped(.., allow_gain=True) in Python)'
    integer, parameter :: largest_friction = 512   !! degrees of freedom up to which a matrix is taken
 
    !> How kicks between decaying drifts get the noise of free motion (noise/decay_law).
@@ -74,7 +77,7 @@ contains
          call raise(error, invalid_argument, 'new_damping', 'a rate of damping is not finite: give numbers [1/time]')
       else if (any(rate < 0) .and. .not. gain) then
          call raise(error, invalid_argument, 'new_damping', 'a rate of damping is negative, which would make '// &
-                    'momenta grow: give rates of zero or more, or allow gain')
+                    'momenta grow: give rates of zero or more, or '//door_of_gain)
       else
          call take_back(self)
          if (all(abs(rate) <= 0)) return
@@ -131,7 +134,7 @@ contains
       end do
       if (.not. gain .and. .not. loses(friction, largest)) then
          call raise(error, invalid_argument, 'new_damping', 'a matrix of friction has a negative eigenvalue, which '// &
-                    'would make momenta grow: give one without, or allow gain')
+                    'would make momenta grow: give one without, or '//door_of_gain)
          return
       end if
       call take_back(self)
@@ -218,16 +221,17 @@ contains
       keeps = symplectic .and. .not. traits%forces%act()
       if (allocated(self%friction)) then
          text = 'dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix'
-         if (keeps) text = text//', which shrinks volume alone by one factor'
+         if (keeps) text = text//', which '//change_of_volume(self)//' volume alone by one factor'
          return
       else if (associated(self%varying)) then
-         call describe_varying(self%varying, traits%ndof, keeps, text)
+         call describe_varying(self%varying, traits%ndof, keeps, change_of_volume(self), text)
       else if (self%is_scalar()) then
-         text = 'dp = .. - '//to_text(self%rate(1))//' p dt'
-         if (keeps) text = text//', so that dp^dq shrinks by one factor'
+         text = 'dp = .. '//merge('+', '-', self%rate(1) < 0)//' '//to_text(abs(self%rate(1)))//' p dt'
+         if (keeps) text = text//', so that dp^dq '//trim(merge('grows  ', 'shrinks', self%rate(1) < 0))// &
+                           ' by one factor'
       else
          text = 'dp_i = .. - gamma_i p_i dt, gamma_i = '//to_text(minval(self%rate))//' to '//to_text(maxval(self%rate))
-         if (keeps) text = text//', which shrinks volume alone by one factor'
+         if (keeps) text = text//', which '//change_of_volume(self)//' volume alone by one factor'
       end if
       if (.not. (symplectic .or. traits%forces%act())) text = text//', of which the scheme keeps no factor'
       if (traits%identity_mass) return
@@ -238,11 +242,23 @@ contains
       end if
    end subroutine describe
 
+   !> The word for what damping does to volume: it shrinks, or, where energy may be fed in, it changes.
+   character(7) function change_of_volume(damping) result(verb)
+      type(damping_type), intent(in) :: damping
+      logical :: gains
+
+      gains = damping%gain
+      if (allocated(damping%rate)) gains = any(damping%rate < 0)
+      if (allocated(damping%friction)) gains = .not. loses(damping%friction, maxval(abs(damping%friction)))
+      verb = merge('changes', 'shrinks', gains)
+   end function change_of_volume
+
    !> Describe rates that are functions, and the factor by which a step shrinks.
-   subroutine describe_varying(varying, ndof, keeps, text)
+   subroutine describe_varying(varying, ndof, keeps, verb, text)
       class(rate_type), intent(in) :: varying
       integer, intent(in) :: ndof
-      logical, intent(in) :: keeps   !! whether steps keep a factor
+      logical, intent(in) :: keeps        !! whether steps keep a factor
+      character(*), intent(in) :: verb    !! shrinks or changes
       character(:), allocatable, intent(out) :: text
       character(:), allocatable :: of
 
@@ -259,13 +275,13 @@ contains
       if (.not. varying%one) text = 'dp_i = .. - '//of//' p_i dt'
       if (.not. keeps) return
       if (.not. varying%of_position .and. varying%one) then
-         text = text//', so that dp^dq shrinks by one factor of each step'
+         text = text//', so that dp^dq '//verb//' by one factor of each step'
       else if (ndof == 1) then
-         text = text//', so that dp^dq shrinks by a factor that depends on the path'
+         text = text//', so that dp^dq '//verb//' by a factor that depends on the path'
       else if (varying%of_position) then
-         text = text//', which shrinks volume alone, by a factor that depends on the path'
+         text = text//', which '//verb//' volume alone, by a factor that depends on the path'
       else
-         text = text//', which shrinks volume alone by one factor of each step'
+         text = text//', which '//verb//' volume alone by one factor of each step'
       end if
    end subroutine describe_varying
 

@@ -446,6 +446,8 @@ contains
       if (.not. allocated(missing)) return
       instead = scheme%needs%instead
       if (model%traits%kicks_of_actions) instead = 'gauss_dkdkd, or midpoint'
+      ! Schemes of brackets and of kicks refuse such models.
+      if (model%traits%forces%act() .or. model%damping%acts()) instead = 'midpoint'
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &
                  model%name//' does not declare it: use '//instead)
    end subroutine check_needs

@@ -222,6 +222,10 @@ def test_the_figure_of_contraction_is_measured_again(figure):
 
 def test_refusals():
     """Refused: arguments that are no numbers, schemes without damped steps, steps that grow."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        ss.diagnose.bath_law("midpoint", step=1.0, gamma=25.0, omega=0.1)
+    assert ["gamma*h = 25" in str(x.message) for x in found] == [True]
     for wrong in ({"step": 0.0}, {"gamma": -1.0}, {"omega": 0.0}):
         with pytest.raises(InvalidArgumentError, match="give a number above zero"):
             ss.diagnose.bath_law("chin4a", **{"step": 0.1, "gamma": 1.0, **wrong})

@@ -342,7 +342,7 @@ def test_refusals():
         with pytest.raises(IncompatibleError, match="is damped"):
             refused(run)
     for bad, error, told in (
-        (-1.0, InvalidArgumentError, "is negative, which would make momenta grow: give rates of zero or more"),
+        (-1.0, InvalidArgumentError, "give rates of zero or more, or allow gain .*allow_gain=True"),
         (np.inf, InvalidArgumentError, "is not finite"),
         ([0.1, 0.2], WrongShapeError, r"damping has shape \(2,\): give a number, or \(1,\)"),
     ):

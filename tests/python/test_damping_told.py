@@ -49,6 +49,16 @@ def doubts(call):
     return [text for text in texts if text.startswith("gamma*h = ")], result
 
 
+def test_reports_say_that_energy_is_fed_in():
+    """Where momenta may grow, no report says that the form or volume shrinks."""
+    for model, told in (
+        (WELL.damped(-0.3, allow_gain=True), "dp = .. + 0.3 p dt, so that dp^dq grows by one factor"),
+        (PAIR.damped([-0.5, 2.0], allow_gain=True), "-0.5 to 2, which changes volume alone by one factor"),
+        (PAIR.damped(np.diag([-0.5, 2.0]), allow_gain=True), "by a matrix, which changes volume alone by one factor"),
+    ):
+        assert ss.simulate(model, **GIVEN).report.damping.endswith(told)
+
+
 @pytest.mark.parametrize(
     ("model", "told"),
     [

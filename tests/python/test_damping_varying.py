@@ -338,6 +338,7 @@ def test_functions_for_every_model():
     pol = ss.model_from_sympy("p**2/2 + q**2/2").damped("-0.5*(1 - q**2)", allow_gain=True)
     cycle = ss.simulate(pol, scheme="gauss_dkdkd", q0=0.1, p0=0.0, step=0.05, steps=2000)
     assert np.abs(cycle.q[-200:]).max() == pytest.approx(2.0, abs=0.02)
+    assert "dp^dq changes by a factor that depends on the path" in cycle.report.damping
 
 
 def test_scenes_and_folders(tmp_path):

@@ -396,6 +396,14 @@ def test_schemes_that_cannot_are_refused(scheme, why):
         ss.simulate(model, scheme=scheme, q0=1.0, p0=0.0, step=0.1, steps=1)
 
 
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "verlet_dz", "drift_preserving"])
+def test_advice_for_forces_on_noises_is_a_scheme_that_takes_them(scheme):
+    model = ss.models.linear_oscillator(sigma=1.0).forced(None, noise_force=lambda q, p, t: p[np.newaxis])
+    with pytest.raises(IncompatibleError, match=r"needs forces f_k .*does not declare it: use midpoint( \(|$)"):
+        ss.simulate(model, scheme=scheme, q0=1.0, p0=0.0, step=0.1, steps=1)
+    assert ss.simulate(model, scheme="midpoint", q0=1.0, p0=0.0, step=0.1, steps=1).report.status == 0
+
+
 def test_areas_go_with_a_force_but_not_with_those_of_noises():
     """Brackets of two noises are those of Hamiltonians while no f_k acts."""
     model = ss.models.noncommutative_oscillator()

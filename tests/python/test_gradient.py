@@ -130,8 +130,8 @@ def test_kicks_between_drifts_that_decay(scheme):
         require_gradient(lambda **x: make(**x).damped(0.5), "q_1**2 + p_1", [name], scheme=scheme, steps=10)  # noqa: B023
         maps = ss.tangent(make().damped(0.5), **RUN | {"scheme": scheme, "steps": 10})
         assert maps.defect(np.exp(-0.5 * 10 * RUN["step"])).max() < 1e-13
-    for damping in ([0.5, 0.2], [[0.5, 0.1], [0.1, 0.5]]):
-        with pytest.raises(IncompatibleError, match="decay by several rates"):
+    for damping, told in (([0.5, 0.2], "decay by several rates"), ([[0.5, 0.1], [0.1, 0.5]], "matrix of friction")):
+        with pytest.raises(IncompatibleError, match=told):
             ss.gradient(coupled().damped(damping), "q_1", **RUN, scheme=scheme)
 
 
@@ -438,8 +438,9 @@ def test_refused_inputs():
     with pytest.raises(IncompatibleError, match="iterations"):
         ss.gradient(pendulum(), "q", **RUN, scheme="midpoint", fixed_point=2)
     for damping, words in (([[0.5]], "matrix of friction"), (lambda q: 0.1 + q**2, "are functions")):
-        with pytest.raises(IncompatibleError, match=words):
-            ss.gradient(pendulum().damped(damping), "q", **RUN, scheme="midpoint")
+        for scheme in ("midpoint", "gauss_dkdkd"):
+            with pytest.raises(IncompatibleError, match=f"{words}; give rates of the momenta as numbers"):
+                ss.gradient(pendulum().damped(damping), "q", **RUN, scheme=scheme)
     forced = pendulum().forced(force=lambda q, p, t: -p)
     with pytest.raises(IncompatibleError, match=r"forces of model .* have no derivatives"):
         ss.gradient(forced, "q", **RUN, scheme="midpoint")

@@ -422,7 +422,7 @@ def test_refusals():
         ss.thermostat(ss.models.kubo(sigma=0.0), beta=1.0, gamma=1.0)
     for beta, gamma, error, told in (
         (-1.0, 1.0, InvalidArgumentError, "beta = -1.0: give finite numbers above zero"),
-        (1.0, 0.0, InvalidArgumentError, "gamma = 0.0: give finite numbers above zero"),
+        (1.0, 0.0, InvalidArgumentError, "gamma = 0.0: give finite numbers of zero or more, not all zero"),
         (np.nan, 1.0, InvalidArgumentError, "beta = nan: give finite numbers above zero"),
         ([1.0, 2.0], 1.0, WrongShapeError, r"beta has shape \(2,\): give a number, or \(1,\), one for each"),
         (1.0, [[1.0]], WrongShapeError, r"gamma has shape \(1, 1\)"),
@@ -430,10 +430,15 @@ def test_refusals():
         with pytest.raises(error, match=told):
             ss.thermostat(FREE, beta=beta, gamma=gamma)
     pair = ss.models.henon_heiles(sigma1=0.0, sigma2=0.0)
-    with pytest.raises(InvalidArgumentError, match="a rate of damping is negative"):
+    with pytest.raises(
+        InvalidArgumentError, match=r"gamma = \[.*\]: give finite numbers of zero or more, not all zero"
+    ):
         ss.thermostat(pair, beta=1.0, gamma=[1.0, -1.0])
-    with pytest.raises(InvalidArgumentError, match="a value of beta is not a finite number above zero"):
+    assert ss.thermostat(pair, beta=1.0, gamma=[1.0, 0.0]).damping == (1.0, 0.0)
+    with pytest.raises(InvalidArgumentError, match=r"beta = \[.*\]: give finite numbers above zero"):
         ss.thermostat(pair, beta=[1.0, -1.0], gamma=1.0)
+    with pytest.raises(InvalidArgumentError, match="a value of beta is not a finite number above zero"):
+        ss.thermostat(pair, beta=[1.0, 0.0], gamma=1.0)
 
 
 @pytest.mark.parametrize("paths", [1, 20])

@@ -183,6 +183,7 @@ def _one_or_each(key: str, value: Any, ndof: int) -> tuple[float, ...]:
     numbers = np.atleast_1d(checks.real_array(key, value))
     if numbers.ndim != 1 or numbers.size not in (1, ndof):
         raise WrongShapeError(f"{key} has shape {numbers.shape}: give a number, or ({ndof},), one for each q_i and p_i")
-    if not np.isfinite(numbers).all() or (numbers <= 0).all():
-        raise InvalidArgumentError(f"{key} = {checks.shown(value)}: give finite numbers above zero")
+    if not np.isfinite(numbers).all() or (numbers < 0).any() or not numbers.any():
+        allowed = "numbers of zero or more, not all zero" if key == "gamma" else "numbers above zero"
+        raise InvalidArgumentError(f"{key} = {checks.shown(value)}: give finite {allowed}")
     return tuple(float(x) for x in numbers)

@@ -94,11 +94,12 @@ def bath_law(
             "stationary law; give a smaller step"
         )
     s = np.linalg.solve(np.eye(4) - np.kron(m, m), (noise @ noise.T).ravel())
-    free, kicks = _linear_step(lossy(_bound(0.0, sigma), rate), chosen, h)
+    with checks.unwarned():  # of gamma h the first step has warned
+        free, kicks = _linear_step(lossy(_bound(0.0, sigma), rate), chosen, h)
+        contraction, defect = _contraction(chosen, h, rate, lossy(_pendulum(), rate))
     temperature = (kicks[1] ** 2).sum() / (1 - free[1, 1] ** 2)
     # q + m_qp/(1 - m_pp) p moves by its noise alone.
     moved = kicks[0] + free[0, 1] / (1 - free[1, 1]) * kicks[1]
-    contraction, defect = _contraction(chosen, h, rate, lossy(_pendulum(), rate))
     return BathLaw(
         scheme=chosen.name,
         step=h,

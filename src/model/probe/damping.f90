@@ -8,6 +8,7 @@
 !>
 !> Private to its family.
 module symsde_model_probe_damping
+   use symsde_base_damping, only: door_of_gain
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait, invalid_argument
    use symsde_base_text, only: to_text
@@ -39,7 +40,7 @@ contains
                   if (.not. rate(lane, i) < 0 .or. allocated(error)) cycle
                   call raise(error, invalid_argument, 'probe_damping', 'the damping of model '//points%model%name// &
                              ' has the negative rate '//to_text(rate(lane, i))//' at '//points%place(lane, i, i)// &
-                             ', which would make momenta grow: give rates of zero or more, or allow gain')
+                             ', which would make momenta grow: give rates of zero or more, or '//door_of_gain)
                end do
             end do
          end if

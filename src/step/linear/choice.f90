@@ -28,7 +28,7 @@ contains
       integer, intent(in) :: nrate             !! rates of damping that derivatives are by: none, or all
       real(wp), intent(in) :: h                !! step
       type(error_type), allocatable, intent(inout) :: error
-      character(*), parameter :: place = 'linear_step'
+      character(*), parameter :: place = 'linear_step', numbers = 'give rates of the momenta as numbers'
       character(:), allocatable :: why_not   !! of splitting schemes
 
       if (allocated(error)) return
@@ -48,6 +48,10 @@ contains
             call refuse('forces act between the drifts of scheme '//scheme%name)
          else if (wide%traits%forces%act() .and. .not. wide%traits%forces%has_derivative) then
             call refuse('forces of model '//task%model%name//' have no derivatives: give force_derivative, or formulas')
+         else if (.not. task%damping%is_constant()) then
+            call refuse('rates of damping of model '//task%model%name//' are functions', numbers)
+         else if (allocated(task%damping%friction)) then
+            call refuse('model '//task%model%name//' is damped by a matrix of friction', numbers)
          else if (nrate > 0 .and. scheme%form == splitting_form) then
             call refuse('scheme '//scheme%name//' has drifts that decay')
          else if (task%newton%fixed_point > 0) then
@@ -64,10 +68,6 @@ contains
             call refuse('scheme '//scheme%name//' adds brackets, whose Hessians hold fourth derivatives')
          else if (task%correction /= correction_none) then
             call refuse('scheme '//scheme%name//' adds a correction, whose Hessian holds third derivatives')
-         else if (.not. task%damping%is_constant()) then
-            call refuse('rates of damping of model '//task%model%name//' are functions')
-         else if (allocated(task%damping%friction)) then
-            call refuse('model '//task%model%name//' is damped by a matrix of friction')
          else if (unknowns_of(task, wide, nrate, h) > most_unknowns) then
             call refuse('an implicit step of '//to_text(unknowns_of(task, wide, nrate, h))// &
                         ' unknowns is solved by dense matrices, of at most '//to_text(most_unknowns))
@@ -76,11 +76,14 @@ contains
 
    contains
 
-      subroutine refuse(why)
+      subroutine refuse(why, instead)
          character(*), intent(in) :: why
+         character(*), intent(in), optional :: instead   !! what to do, if other schemes are refused, too
+         character(:), allocatable :: remedy
 
-         call raise(error, incompatible, place, 'no exact derivative of the steps is known: '//why// &
-                    '; use midpoint, gauss2 or stormer_verlet')
+         remedy = 'use midpoint, gauss2 or stormer_verlet'
+         if (present(instead)) remedy = instead
+         call raise(error, incompatible, place, 'no exact derivative of the steps is known: '//why//'; '//remedy)
       end subroutine refuse
 
    end subroutine require_linear
