@@ -55,17 +55,29 @@ def test_the_seed_alone_chooses_the_noise():
 
 def test_neighbouring_seeds_are_unrelated():
     """First increments of seeds 0, 1, 2, .. have variance 1 and no correlation with those of the next seed; each of
-    the 64 bits of a seed counts."""
+    the 64 bits of a seed counts. Weak generators fail: one too wide, one that shares noise with the next seed, one
+    whose paths share noise, one that takes 32 bits of a seed.
+    """
     model, count, paths = kicked(), 300, 100
 
     def first(seed):
         return ss.simulate(model, q0=0.0, p0=0.0, step=1.0, steps=1, paths=paths, seed=seed).p[1, 0]
 
-    z = np.array([first(seed) for seed in range(count)])
-    assert abs((z**2).mean() - 1) < 5 * np.sqrt(2 / z.size)
-    assert abs((z[1:] * z[:-1]).mean()) < 5 / np.sqrt(z[1:].size)
-    assert abs(z.mean(axis=1).var() * paths - 1) < 5 * np.sqrt(2 / count)
-    assert len({first(5 ^ 2**bit if bit < 64 else 5)[0] for bit in range(65)}) == 65
+    def related(draw):
+        z = np.array([draw(seed) for seed in range(count)])
+        found = {
+            "variance": abs((z**2).mean() - 1) > 5 * np.sqrt(2 / z.size),
+            "next seed": abs((z[1:] * z[:-1]).mean()) > 5 / np.sqrt(z[1:].size),
+            "one seed": abs(z.mean(axis=1).var() * paths - 1) > 5 * np.sqrt(2 / count),
+            "bits": len({draw(5 ^ 2**bit if bit < 64 else 5)[0] for bit in range(65)}) < 65,
+        }
+        return {name for name, fails in found.items() if fails}
+
+    assert not related(first)
+    assert related(lambda seed: 1.1 * first(seed)) == {"variance"}
+    assert related(lambda seed: (first(seed) + first(seed + 1)) / np.sqrt(2)) == {"next seed"}
+    assert related(lambda seed: np.sqrt(0.91) * first(seed) + 0.3 * first(seed)[0]) == {"one seed"}
+    assert related(lambda seed: first(seed % 2**32)) == {"bits"}
 
 
 def test_the_first_kick_is_whole():
