@@ -22,6 +22,10 @@ CASES = {
     "besselj(1, 2*q)": (lambda x: mp.besselj(1, 2 * x), 40),
     "besselj(7, q)": (lambda x: mp.besselj(7, x), 40),
     "besselj(37, q)": (lambda x: mp.besselj(37, x), 40),
+    "besseli(0, q)": (lambda x: mp.besseli(0, x), 40),
+    "besseli(3, -q)": (lambda x: mp.besseli(3, -x), 40),
+    "besselk(1, q/90)": (lambda x: mp.besselk(1, x / 90), 40),
+    "besselk(9, 2*q)": (lambda x: mp.besselk(9, 2 * x), 40),
     "bessely(0, q)": (lambda x: mp.bessely(0, x), 40),
     "bessely(3, q)": (lambda x: mp.bessely(3, x), 40),
 }
@@ -60,7 +64,7 @@ def test_values_and_derivatives(text, way, monkeypatch):
 
 def test_third_derivatives():
     """Nested brackets take third derivatives, which hold polygamma of order 2, or 3 for noise by its slope."""
-    for f in ("loggamma(q + 2)", "gamma(q + 2)", "besselj(1, q)"):
+    for f in ("loggamma(q + 2)", "gamma(q + 2)", "besselj(1, q)", "besseli(1, q)", "besselk(2, q)"):
         ss.model_from_sympy(f"p**2/2 + {f}", [f"p*{f}/10"]).probe(0.4, 0.2)
     q, p = sp.symbols("q p")
     for x in (0.7, -0.4):  # polygamma of order 3, beside its reflection
@@ -93,8 +97,11 @@ def test_runs_and_observables():
         ("gamma(-2)*q", "gamma of a constant, which is not a finite real number"),
         ("loggamma(-0.5)*q", "loggamma of a constant, which is not a finite real number"),
         ("bessely(0, 0)*q", "a constant that is not a finite real number"),
-        ("besseli(0, q)", "calls besseli, which is no function here"),
-        (sp.besseli(0, sp.Symbol("q")), "besseli in a formula has no derivative everywhere, or no code here"),
+        ("airyai(q)", "calls airyai, which is no function here"),
+        (sp.airyai(sp.Symbol("q")), "airyai in a formula has no derivative everywhere, or no code here"),
+        ("besselk(0, 0)*q", "besselk of constants, which is not a finite real number"),
+        ("besselk(1, -2)*q", "a constant that is not a finite real number"),
+        (sp.besseli(-1.5, sp.Symbol("q")), "besseli of order -1.5.* in a formula has no code here"),
         (sp.besselj(sp.Rational(1, 3), sp.Symbol("q")), "besselj of order 1/3 in a formula has no code here"),
         (sp.polygamma(3, sp.Symbol("q")), "derivatives of gamma of order 4 in a formula"),
     ],
@@ -106,7 +113,7 @@ def test_refusals(H, words):
 
 def test_beyond_the_domain():
     """Where the functions are not real, a start is refused."""
-    for H in ("loggamma(q)", "bessely(0, q)"):
+    for H in ("loggamma(q)", "bessely(0, q)", "besselk(0, q)"):
         with pytest.raises(InvalidArgumentError, match=r"not finite at q0 = -1\.5"):
             ss.simulate(ss.model_from_sympy(f"p**2/2 + {H}"), q0=-1.5, p0=0.0, step=0.1, steps=1)
 
@@ -115,3 +122,22 @@ def test_operations_of_numpy():
     pytest.importorskip("scipy")
     assert np.isnan(in_numpy._operation("loggamma")(np.array(-0.5)))
     assert in_numpy._operation("besselj")(1, 0.0) == 0
+
+
+def test_far_arguments():
+    """Tiny and large arguments of besseli and besselk: powers, logarithms, and beyond the range of numbers."""
+    if compiler.command() is None:
+        pytest.skip("no C compiler")
+    x = np.array([1e-300, 1e-12, 8.999, 9.001, 120.0, 699.0])
+    for name in ("besseli", "besselk"):
+        for order in (0, 1, 2, 30):
+            model = ss.model_from_sympy(f"p**2/2 + {name}({order}, q)")
+            with mp.workdps(40):
+                known = np.array([float(getattr(mp, name)(order, mp.mpf(a))) for a in x])
+            found = np.ravel(model.value(x[None], 0 * x[None]))
+            np.testing.assert_allclose(found, known, rtol=2e-14, atol=0)
+    ends = {"besseli": {0.0: 1.0, 720.0: np.inf, np.nan: np.nan}, "besselk": {0.0: np.nan, 801.0: 0.0, np.nan: np.nan}}
+    for name, known in ends.items():
+        q = np.array([list(known)])
+        found = np.ravel(ss.model_from_sympy(f"p**2/2 + {name}(0, q)").value(q, 0 * q))
+        np.testing.assert_array_equal(found, list(known.values()))

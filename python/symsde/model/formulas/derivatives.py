@@ -18,7 +18,7 @@ from typing import Any
 from ...errors import InvalidArgumentError
 from ...native.files import optional
 from . import kinks
-from .graph import Graph, reachable
+from .graph import BESSEL, Graph, reachable
 from .named_formulas import Problem, quoted
 from .tails import Tails
 
@@ -32,7 +32,7 @@ BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 def engine(*expressions: Any) -> Any:
     """The module symengine; sympy if it is missing, or for expressions with functions that it does not know."""
     sympy = optional("sympy", "sympy")
-    strange = (sympy.besselj, sympy.bessely, kinks.step_function())
+    strange = (*(getattr(sympy, x) for x in BESSEL), kinks.step_function())
     if any(hasattr(e, "has") and e.has(*strange) for e in expressions):
         return sympy
     try:

@@ -24,7 +24,8 @@ FUNCTIONS = (
 )
 #: functions that the C library computes lane by lane; Bessel functions and polygamma of a whole order come first
 SCALAR = ("gamma", "loggamma")
-OF_ORDER = ("besselj", "bessely", "polygamma")
+BESSEL = ("besselj", "bessely", "besseli", "besselk")
+OF_ORDER = (*BESSEL, "polygamma")
 MAX_ORDER = 40  #: of Bessel functions, whose derivatives are of orders nearby
 INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas are rewritten in: log(1 + x), exp(-x^2), log(cosh(x))
 MAX_OPERATIONS = 12_000
@@ -192,7 +193,7 @@ class Graph:
         name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # a sympy function unknown to symengine
         raise InvalidArgumentError(
             f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
-            + ", ".join((*FUNCTIONS, "atan2", *SCALAR, *OF_ORDER[:2]))
+            + ", ".join((*FUNCTIONS, "atan2", *SCALAR, *BESSEL))
             + ", "
             + ", ".join((*kinks.REWRITTEN, *kinks.ONE, *kinks.MANY, "Mod", "Piecewise"))
         )

@@ -23,7 +23,8 @@ SENTENCE = (
 
 LOG_2 = math.log(2)
 #: functions of scipy.special
-SPECIAL = {"gamma": "gamma", "loggamma": "gammaln", "polygamma": "polygamma", "besselj": "jv", "bessely": "yv"}
+SPECIAL = {"gamma": "gamma", "loggamma": "gammaln", "polygamma": "polygamma"}
+SPECIAL |= {"besselj": "jv", "bessely": "yv", "besseli": "iv", "besselk": "kv"}
 
 
 def gauss(x: Any) -> Any:
@@ -69,7 +70,7 @@ def _operation(what: str) -> Callable:
     if what not in SPECIAL:
         return _OPERATIONS[what]
     function = getattr(optional("scipy.special", "fit"), SPECIAL[what])
-    if what not in ("loggamma", "bessely"):
+    if what not in ("loggamma", "bessely", "besselk"):
         return function
     return lambda *given: np.where(given[-1] > 0, function(*given), np.nan)
 

@@ -21,7 +21,7 @@ from ...errors import InvalidArgumentError
 from ...native import checks
 from ...native.files import optional
 from . import kinks
-from .graph import FUNCTIONS, MAX_ORDER, OF_ORDER, SCALAR
+from .graph import BESSEL, FUNCTIONS, MAX_ORDER, SCALAR
 
 MAX_CHARACTERS = 20_000
 MAX_NODES = 4_000
@@ -38,7 +38,7 @@ _CONSTANTS = {
     "coth": lambda x: 1 / math.tanh(x),
 }
 _ONE = (*FUNCTIONS, *SCALAR, *kinks.REWRITTEN, *kinks.ONE)
-_TWO = ("atan2", "Mod", *OF_ORDER[:2])
+_TWO = ("atan2", "Mod", *BESSEL)
 _SEVERAL = (*_TWO, *kinks.MANY)
 _ALL = (*_ONE, *_SEVERAL, "Piecewise")
 _COMPARED = {ast.Lt: "Lt", ast.LtE: "Le", ast.Gt: "Gt", ast.GtE: "Ge"}
@@ -262,7 +262,7 @@ class Reader:
             allowed = "two" if name in _TWO else f"1 to {MAX_FACTORS}"
             raise FormulaTextError(f"it gives {name} {count + len(node.keywords)} arguments: it takes {allowed}")
         given = [self.read(x, depth + 1) for x in node.args]
-        if name in OF_ORDER and not (given[0].is_Integer and 0 <= given[0] <= MAX_ORDER - 3):
+        if name in BESSEL and not (given[0].is_Integer and 0 <= given[0] <= MAX_ORDER - 3):
             raise FormulaTextError(
                 f"it holds {name} of an order that is no whole number from 0 to {MAX_ORDER - 3}: write {name}(0, q)"
             )

@@ -22,7 +22,7 @@ from ...native.files import optional
 from ..split import KICKS, Split
 from ..traits import FLAGS
 from . import actions, kinks, quadratic
-from .graph import OF_ORDER, SCALAR
+from .graph import BESSEL, OF_ORDER, SCALAR
 from .named_formulas import Problem
 
 MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
@@ -159,7 +159,7 @@ class Prover:
             return False
         if count_terms(e) > MAX_TERMS:
             return False
-        bessel = e.atoms(self.sympy.besselj, self.sympy.bessely)
+        bessel = e.atoms(*(getattr(self.sympy, x) for x in BESSEL))
         high = [x for x in bessel if x.args[0].is_number and abs(x.args[0]) > MAX_ORDER]
         e = e.xreplace({x: self.sympy.Dummy(real=True) for x in high})
         return self.sympy.expand(e) == 0 or bool(self.sympy.simplify(e).is_zero)
