@@ -15,6 +15,8 @@ from ..model.formulas.graph import Graph
 from .given import Given
 
 SUM, PRODUCT, ATOM = 1, 2, 9  #: precedence of the last operation of an expression
+#: functions that Fortran has under another name
+NAMES = {"fabs": "abs", "besselj": "bessel_jn", "bessely": "bessel_yn"}
 MAX_CHARACTERS = 90  #: most characters of one expression; parts of longer expressions get a name
 
 
@@ -54,7 +56,8 @@ class Expressions:
         if node.what in ("*", "/"):
             a, b = node.arguments
             return f"{self.held(a, PRODUCT)}{node.what}{self.held(b, ATOM)}", PRODUCT
-        arguments = [self._text[a][0] for a in node.arguments]
+        order = [] if node.value is None else [str(node.value)]  # of Bessel functions and polygamma
+        arguments = [*order, *(self._text[a][0] for a in node.arguments)]
         return self.called(node.what, arguments), ATOM
 
     def called(self, function: str, arguments: list[str]) -> str:
@@ -69,7 +72,7 @@ class Expressions:
             return f"({whole} - merge({self.number('1.0')}, {self.number('0.0')}, {arguments[0]} < {whole}))"
         if function == "pow":
             return f"(({arguments[0]})**({arguments[1]}))"
-        return f"{'abs' if function == 'fabs' else function}({', '.join(arguments)})"
+        return f"{NAMES.get(function, function)}({', '.join(arguments)})"
 
     def held(self, x: int, strength: int) -> str:
         """Write a node as an operand, with parentheses if its operation has lower precedence."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from ..errors import InvalidArgumentError
 from ..model.formulas.emit_c import VECTORS
-from ..model.formulas.graph import OF_ORDER, SCALAR
 from ..model.traits import FLAGS
 from . import sites_in_fortran
 from .expressions import Expressions, called, wrapped
@@ -29,6 +28,73 @@ FUNCTIONS = {
     "gauss": ["y = exp(-x**2)"],
     "log1p": ["y = x", "if (abs((1 + x) - 1) > 0) y = log(1 + x)*(x/((1 + x) - 1))"],
     "logcosh": ["y = log(cosh(x))", "if (abs(x) > 1) y = abs(x) - log(2.0_wp) + log(1 + exp(-2*abs(x)))"],
+    "loggamma": ["y = log_gamma(x) + 0*sqrt(x)  ! no number below zero"],
+}
+#: functions of a whole order and x that Fortran lacks: declarations and statements
+OF_ORDER = {
+    "besseli": """\
+real(wp) :: ratio, rest
+integer :: k
+
+! The ratios I_k/I_(k-1) of high orders first, and exp(x) = I_0 + 2 (I_1 + I_2 + ..)
+ratio = 0
+rest = 0
+y = 1
+do k = order + 20 + int(9*sqrt(min(abs(x), 800.0_wp))), 1, -1
+   ratio = 1/(2*k/abs(x) + ratio)
+   rest = ratio*(1 + rest)
+   if (k <= order) y = y*ratio
+end do
+y = exp(abs(x)/2)/(1 + 2*rest)*y*exp(abs(x)/2)
+if (modulo(order, 2) == 1 .and. x < 0) y = -y""",
+    "besselk": """\
+real(wp) :: step, more, term, next, after
+integer :: j
+
+! K_0 and K_1 as integrals of exp(-x cosh(s)) and of cosh(s) exp(-x cosh(s)) by trapezoids, then by recurrence
+step = min(0.2_wp, 0.6_wp/sqrt(x))
+y = 0.5_wp
+next = 0.5_wp
+do j = 1, 4000
+   more = 2*sinh(step*j/2)**2
+   term = exp(-x*more)
+   y = y + term
+   next = next + term*(1 + more)
+   if (x*more > 45) exit
+end do
+y = y*step*exp(-x)
+next = next*step*exp(-x)
+do j = 1, order
+   after = y + 2*j/x*next
+   y = next
+   next = after
+end do""",
+    "polygamma": """\
+real(wp), parameter :: pi = acos(-1.0_wp), bernoulli(8) = [real(wp) :: 1/6.0_wp, -1/30.0_wp, 1/42.0_wp, &
+   -1/30.0_wp, 5/66.0_wp, -691/2730.0_wp, 7/6.0_wp, -3617/510.0_wp]
+real(wp) :: s, c, slope
+integer :: j
+
+! By recurrence up to 16, from there on by the asymptotic series, below 1/2 by the reflection
+s = merge(1 - x, x, x < 0.5_wp)
+y = 0
+do while (s < 16)
+   y = y + gamma(order + 1.0_wp)/s**(order + 1)
+   s = s + 1
+end do
+y = y + 0.5_wp*gamma(order + 1.0_wp)/s**(order + 1)
+do j = 8, 1, -1
+   y = y + bernoulli(j)*gamma(2.0_wp*j + order)/gamma(2.0_wp*j + 1)/s**(2*j + order)
+end do
+if (order == 0) y = log(s) - y
+if (order > 0) y = -(-1)**order*(y + gamma(real(order, wp))/s**order)
+if (x >= 0.5_wp) return
+c = 1/tan(pi*x)
+slope = c
+if (order == 1) slope = -pi*(1 + c**2)
+if (order == 2) slope = 2*pi**2*c*(1 + c**2)
+if (order == 3) slope = -2*pi**3*(1 + c**2)*(1 + 3*c**2)
+y = (-1)**order*y - pi*slope""",
 }
 #: members of symsde_options -> components of run_options
 OPTIONS = {"steps": "nstep", "paths": "npath"}
@@ -40,15 +106,6 @@ def source(given: Given, compile_line: str) -> str:
     """The text of the whole file."""
     if given.is_chain and given.model._chain.outer is not None:
         raise InvalidArgumentError("functions of sums over sites are exported to C only: say --to c")
-    if given.is_chain and not given.model._chain.is_line:
-        raise InvalidArgumentError(
-            "sums over pairs, over sites of several coordinates, and parameters of sites are exported to C only: say "
-            "--to c"
-        )
-    if given.model is not None and (found := called(given, (*SCALAR, *OF_ORDER))):
-        raise InvalidArgumentError(
-            f"the functions of these formulas ({', '.join(found)}) are exported to C only: say --to c"
-        )
     lines = [*(f"!> {line}".rstrip() for line in given.title), "!>", f"!>    {compile_line}"]
     if given.model is not None:
         lines += _module(given)
@@ -59,7 +116,7 @@ def _module(given: Given) -> list[str]:
     kinds = sites_in_fortran.PROCEDURES if given.is_chain else [*BLOCKS, *(THIRD if given.third else ())]
     lines = [f"module formula_of_{given.stem}", "   use symsde, only: wp, model_type", "   implicit none", "   private"]
     lines += ["   public :: formula_model", "", "   type, extends(model_type) :: formula_model"]
-    lines += [f"      real(wp) :: {given.identifiers[x]} = {_number(v)}" for x, v in given.parameters.items()]
+    lines += [line for x, v in given.parameters.items() for line in _parameter(given.identifiers[x], v)]
     lines += [
         "   contains",
         *(f"      procedure :: {kind} => weighted_{kind}" for kind in kinds),
@@ -80,7 +137,19 @@ def _module(given: Given) -> list[str]:
             "      real(wp) :: y",
         ]
         lines += ["", *(f"      {line}" for line in FUNCTIONS[name]), f"   end function {name}"]
+    for name in called(given, OF_ORDER):
+        lines += ["", f"   pure function {name}(order, x) result(y)", "      integer, intent(in) :: order"]
+        lines += ["      real(wp), intent(in) :: x", "      real(wp) :: y"]
+        lines += [f"      {line}".rstrip() for line in OF_ORDER[name].splitlines()] + [f"   end function {name}"]
     return [*lines, "", f"end module formula_of_{given.stem}", ""]
+
+
+def _parameter(name: str, value: float | tuple[float, ...]) -> list[str]:
+    """A component of the type of the model; numbers of all sites are an array."""
+    if not isinstance(value, tuple):
+        return [f"      real(wp) :: {name} = {_number(value)}"]
+    given = _number(value[0]) if equal(value) else _array(value)
+    return wrapped(f"      real(wp) :: {name}({len(value)}) = {given}", WIDTH, " " * 9, " &")
 
 
 def _procedure(given: Given, kind: str) -> list[str]:
