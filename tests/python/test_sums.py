@@ -6,7 +6,7 @@ import pytest
 import symsde as ss
 from symsde import observe
 from symsde.cli import command_line
-from symsde.errors import InvalidArgumentError
+from symsde.errors import IncompatibleError, InvalidArgumentError
 from symsde.model.formulas import formula_observables as formulas
 
 H = "Sum(p[i]**2/2 + (q[i+1] - q[i])**2/2 + k*(q[i+2] - q[i-1])**4/4 + cos(q[i] - q[i+1]), i) + 0.5*Sum(q[j]**2, j)"
@@ -192,3 +192,110 @@ def test_sums_in_scenes(beta, tmp_path):
     assert command_line.main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     found = ss.moments(beta, observables={"kinetic": MIXED["kinetic"]}, **RUN, **start(5))
     np.testing.assert_array_equal(ss.open_run(tmp_path / "out").moments.mean["kinetic"], found.mean["kinetic"])
+
+
+def bodies(n=5):
+    return ss.model_from_sympy(
+        "Sum((u[i]**2 + v[i]**2)/(2*m[i]), i) - Sum(g*m[i]*m[j]/sqrt((x[i]-x[j])**2 + (y[i]-y[j])**2 + 0.1), i < j)",
+        ["s*x[k]"],
+        q="x y",
+        p="u v",
+        n=n,
+        params={"g": 0.7, "s": 0.1, "m": np.linspace(0.5, 1.5, n)},
+    )
+
+
+OF_BODIES = {
+    "kinetic": "Sum((u[i]**2 + v[i]**2)/(2*m[i]), i)",
+    "potential": "-g*Sum(m[i]*m[j]/sqrt((x[i]-x[j])**2 + (y[i]-y[j])**2 + 0.1), i < j)",
+    "turning": "Sum(x[i]*v[i] - y[i]*u[i], i) + 0*t",
+    "beside": "Sum(m[j]*exp(x[i] - y[j] - x_2), i < j)/(1 + Sum(x[k+1]*m[k], k)**2)",
+    "every": "Sum(q[i]*q[i+1], i) + Sum(q[i]*p[j], i < j)",
+}
+
+
+def of_bodies(model, q, p):
+    """The values of OF_BODIES on states (dof, lane)."""
+    m, g = np.array(model.parameters["m"])[:, None], model.parameters["g"]
+    (x, y), (u, v) = (np.moveaxis(a.reshape(len(m), 2, -1), 1, 0) for a in (q, p))
+    pairs = [(i, j) for i in range(len(m)) for j in range(i + 1, len(m))]
+    near = sum(m[i] * m[j] / np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 + 0.1) for i, j in pairs)
+    above = sum(m[j] * np.exp(x[i] - y[j] - x[1]) for i, j in pairs)
+    every = sum(q[i] * p[j] for i in range(len(q)) for j in range(i + 1, len(q)))
+    return {
+        "kinetic": ((u**2 + v**2) / (2 * m)).sum(axis=0),
+        "potential": -g * near,
+        "turning": (x * v - y * u).sum(axis=0),
+        "beside": above / (1 + (x[1:] * m[:-1]).sum(axis=0) ** 2),
+        "every": (q[:-1] * q[1:]).sum(axis=0) + every,
+    }
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_sites_of_the_model(compiled, monkeypatch):
+    """Observables read the coordinates and parameters of the model's sites, and pairs of them, on any number of lanes;
+    q[i] and p[i] go over all coordinates."""
+    model, rng = bodies(), np.random.default_rng(3)
+    if not compiled:
+        monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
+        formulas._read.cache_clear()
+    try:
+        read = formulas.FormulaObservables(model, OF_BODIES)
+        assert read.is_compiled == compiled
+        for lanes in (1, 8, 21):
+            q, p = rng.normal(size=(2, 10, lanes))
+            found, known = read(0.0, q, p), of_bodies(model, q, p)
+            for name, row in zip(OF_BODIES, found, strict=True):
+                np.testing.assert_allclose(row, known[name], rtol=1e-12, atol=1e-13, err_msg=name)
+            np.testing.assert_allclose(found[0] + found[1], model.value(q, p), rtol=1e-12)
+            alone = read(0.0, np.ascontiguousarray(q[:, -1:]), np.ascontiguousarray(p[:, -1:]))
+            np.testing.assert_array_equal(alone[:, 0], found[:, -1])
+    finally:
+        formulas._read.cache_clear()
+
+
+def test_energies_of_bodies(tmp_path):
+    """Kinetic and pair energies by formulas add up to the energy, in moments, expectations and scenes, with other
+    parameters of sites too."""
+    run = {"q0": np.cos(np.arange(10)), "p0": 0.1, "step": 0.01, "steps": 20, "paths": 40, "seed": 4}
+    wanted = {x: OF_BODIES[x] for x in ("kinetic", "potential")}
+    for model in (bodies(), bodies().with_parameters(m=[1.0, 0.2, 3.0, 0.4, 1.5], g=1.1)):
+        found = ss.moments(model, observables=wanted, **run)
+        np.testing.assert_allclose(found.mean["kinetic"] + found.mean["potential"], found.mean_energy, rtol=1e-13)
+        last = ss.simulate(model, **run)
+        np.testing.assert_allclose(
+            found.mean["potential"][-1], of_bodies(model, last.q[-1], last.p[-1])["potential"].mean(), rtol=1e-12
+        )
+        assert np.ptp(found.mean["kinetic"]) > 0.01
+    start = {x: run[x] for x in ("q0", "p0", "seed")}
+    mean = ss.expect(bodies(), wanted["potential"], horizon=0.2, abs=0.01, **start)
+    found = ss.moments(bodies(), observables=wanted, **run)
+    assert abs(mean.value - found.mean["potential"][-1]) < 0.01 + 5 * found.se_mean["potential"][-1]
+    (tmp_path / "scene.toml").write_text(
+        '[model]\nH = "Sum((u[i]**2 + v[i]**2)/(2*m[i]), i) - Sum(g*m[i]*m[j]/sqrt((x[i]-x[j])**2'
+        ' + (y[i]-y[j])**2 + 0.1), i < j)"\nnoise = ["s*x[k]"]\n'
+        'q = "x y"\np = "u v"\nn = 5\n[model.params]\ng = 0.7\ns = 0.1\n'
+        f"m = {np.linspace(0.5, 1.5, 5).tolist()}\n[run]\nstep = 0.01\nsteps = 20\npaths = 40\nseed = 4\n"
+        f"q0 = {np.cos(np.arange(10)).tolist()}\np0 = 0.1\n"
+        + "[observables]\n"
+        + "".join(f'{name} = "{text}"\n' for name, text in wanted.items())
+    )
+    assert command_line.main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    np.testing.assert_array_equal(ss.open_run(tmp_path / "out").moments.mean["kinetic"], found.mean["kinetic"])
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("m*x_1", "holds m, whose values differ from site to site"),
+        ("m*x_1 + Sum(x[i], i)", r"takes m as a number, which is a parameter .*: write m\[i\]"),
+        ("Sum(x[i]*m, i)", r"write m\[i\]"),
+        ("Sum(x[i] + q[i], i)", r"index of q: .* as in x\[i\] or y\[i\] or u\[i\] or v\[i\]; of q there are q_1"),
+        ("Sum(x[i], i < j)", "sums over pairs what does not depend on both"),
+        ("Sum(m[i]*m[j], i < j)", r"a sum without q\[i\] or p\[i\]"),
+        ("Sum(x[i+1]*x[j], i < j)", "neighbours in a sum over pairs"),
+    ],
+)
+def test_bad_sums_over_sites_of_the_model(text, sentence):
+    with pytest.raises((InvalidArgumentError, IncompatibleError), match=f"observable 'o'.*{sentence}"):
+        ss.moments(bodies(), observables={"o": text}, q0=0.1, p0=0.0, step=0.1, steps=1)

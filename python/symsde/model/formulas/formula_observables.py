@@ -62,12 +62,17 @@ class FormulaObservables:
         """Read and, by default, compile the formulas; errors name the observable."""
         parameters = {key: x for key, x in model.parameters.items() if is_name(key) and np.isscalar(x)}
         _refuse_arrays(formulas, {key: x for key, x in model.parameters.items() if np.ndim(x)})
+        chain = getattr(model, "_chain", None)
+        sites = _Sites(chain.n, chain.components, chain.arrays) if chain else _Sites(model.ndof)
         given = model._remade[1][0] if hasattr(model, "formula") else {}
         names = letters_of(model)
         ends = "free" if given.get("n") is None else given["ends"]
-        self._read = _read(tuple(formulas.items()), names, tuple(parameters), given.get("t"), ends, compiles=compiles)
-        self._values = np.array([float(x) for x in parameters.values()] or [0.0])
-        graphs = [self._read.graph, *(piece.graph for total in self._read.sums for piece in total)]
+        self._read = _read(
+            tuple(formulas.items()), names, tuple(parameters), given.get("t"), ends, sites=sites, compiles=compiles
+        )
+        self._of_sites = np.array([model.parameters[name] for name in sites.arrays])
+        self._values = np.array([*map(float, parameters.values()), *np.ravel(self._of_sites)] or [0.0])
+        graphs = [self._read.graph, *(piece.graph for total in self._read.sums for piece in total.pieces)]
         self.needs_time = any(node.value == "t" for graph in graphs for node in graph.nodes if node.what == "leaf")
 
     @classmethod
@@ -75,8 +80,9 @@ class FormulaObservables:
         """Formulas of named variables, which are given in the place of coordinates."""
         found = cls.__new__(cls)
         names = (("q", variables, len(variables)), ("p", None, len(variables)))
-        found._read = _read(tuple(formulas.items()), names, (), None, "free", compiles=True)
-        found._values, found.needs_time = np.zeros(1), False
+        sites = _Sites(len(variables))
+        found._read = _read(tuple(formulas.items()), names, (), None, "free", sites=sites, compiles=True)
+        found._values, found._of_sites, found.needs_time = np.zeros(1), np.zeros(0), False
         return found
 
     @property
@@ -95,7 +101,7 @@ class FormulaObservables:
         if self._read.compiled is None:
             given = {"t": t} | {f"c{k}": x for k, x in enumerate(self._values.tolist())}
             given |= {f"{x}{i}": row for x, rows in (("q", q), ("p", p)) for i, row in enumerate(rows)}
-            given |= {f"w{k}": row for k, row in enumerate(sums.in_numpy(self._read.sums, given, q, p))}
+            given |= {f"w{k}": row for k, row in enumerate(sums.in_numpy(self._read.sums, given, q, p, self._of_sites))}
             return values_of(self._read.graph, self._read.roots, given, lanes)
         values = np.empty((len(self._read.roots), lanes))
         state = [np.ascontiguousarray(x, np.float64) for x in (q, p)]
@@ -114,10 +120,13 @@ def letters_of(model: Model) -> tuple[tuple[str, tuple | None, int], ...]:
 
 
 def _refuse_arrays(formulas: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
-    """Refuse observables of parameters that go by path, which an observable is not told, or by site."""
+    """Refuse observables of parameters that go by path, which an observable is not told, or by site outside of sums."""
     for name, formula in formulas.items():
         for key in sorted(set(arrays) - set(unused(arrays, [formula]))):
-            what = "site to site" if isinstance(arrays[key], tuple) else "path to path"
+            of_site = isinstance(arrays[key], tuple)
+            if of_site and isinstance(formula, str) and "Sum" in names_in(formula):  # read with its index
+                continue
+            what = "site to site" if of_site else "path to path"
             raise IncompatibleError(
                 f"observable {name!r} holds {key}, whose values differ from {what}, and observables take "
                 "parameters that are one number: save the paths, and compute it from them"
@@ -132,6 +141,20 @@ def _own(given: object) -> tuple | None:
 
 
 @dataclass(frozen=True)
+class _Sites:
+    """The sites of a model: of one coordinate each, which are called q and p, unless it is made of sums over sites."""
+
+    count: int
+    components: tuple[tuple[str, ...], tuple[str, ...]] = (("q",), ("p",))  #: names of coordinates and of momenta
+    arrays: tuple[str, ...] = ()  #: parameters with a number for each site
+
+    def of(self, formula: str, ndof: int) -> _Sites:
+        """The sites that a formula means: those of the model if it holds one of their names, else all coordinates."""
+        own = {*self.components[0], *self.components[1], *self.arrays}
+        return self if own & names_in(formula) else _Sites(ndof)
+
+
+@dataclass(frozen=True)
 class _Read:
     """Formulas as nodes of a graph, the sums among its leaves, and compiled code if there is a compiler."""
 
@@ -143,7 +166,14 @@ class _Read:
 
 @functools.lru_cache(maxsize=64)
 def _read(
-    formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object, ends: str, *, compiles: bool
+    formulas: tuple,
+    names: tuple,
+    parameters: tuple[str, ...],
+    time: object,
+    ends: str,
+    *,
+    sites: _Sites,
+    compiles: bool,
 ) -> _Read:
     """Read formulas; the result is cached, since many shards need the same formulas."""
     known = _known(formulas, names, parameters, time)
@@ -151,18 +181,20 @@ def _read(
     leaves = {symbol.name: symbol.name[0] in "qp" for symbol in known.known.values()}
 
     def node_of(graph: Graph, expression: Any) -> int:
-        local = {x.name: True for x in expression.free_symbols if x.name not in leaves}
+        local = {x.name: x.name[0] != "c" for x in expression.free_symbols if x.name not in leaves}
         return graph.add(engine(expression).sympify(free(expression)), {**leaves, **local})
 
     for name, formula in formulas:
         try:
             has_sums = isinstance(formula, str) and "Sum" in names_in(formula)
-            reader = SiteReader(known.known) if has_sums else None
+            own = sites.of(formula, count) if has_sums else sites
+            reader = SiteReader(known.known, None, own.components, own.arrays) if has_sums else None
             expression = kinks.in_cases(known.canonical(formula, reader))
             for stand_in, body in ((x, kinks.in_cases(y)) for x, y in reader.sums.items()) if reader else ():
                 kinks.require_cases(body, repr(formula))
                 leaf = known.sympy.Symbol(f"w{len(made.sums)}", real=True)
-                made.sums.append(sums.make_sum(body, ends, count, node_of))
+                shape = own.count, len(own.components[0])
+                made.sums.append(sums.make_sum(body, ends, shape, len(parameters), node_of))
                 expression = expression.xreplace({stand_in: leaf})
             made.roots.append(node_of(made.graph, expression))
         except InvalidArgumentError as error:

@@ -9,7 +9,7 @@ pair after the other, so that bits are those of many lanes.
 from __future__ import annotations
 
 from .site_loops import site_loop, summand
-from .sites import Density
+from .sites import Summand
 
 HEAD = "enum { STRIP = 8, TILE_OF_PAIRS = 128 }; /* lanes, and sites of one lane, that are computed together */\n"
 BODY = """INLINE {name}_pairs({parameters}, const int lanes, const int far) {{
@@ -63,7 +63,7 @@ INLINE {name}({parameters}, const int far) {{
 
 
 def function(
-    d: Density, size: int, name: str, adds: list[tuple[str, int]], *, given: tuple[str, list[str]], how: str = "+="
+    d: Summand, size: int, name: str, adds: list[tuple[str, int]], *, given: tuple[str, list[str]], how: str = "+="
 ) -> str:
     """The function of one site of a density, or of all its pairs. adds: places and nodes of the additions; given:
     declarations of arguments, and the names of those behind the state and the parameters."""
@@ -96,7 +96,7 @@ def function(
     )
 
 
-def call(d: Density, name: str, names: str, own: bool = False) -> str:
+def call(d: Summand, name: str, names: str, own: bool = False) -> str:
     """Calls of such a function for all sites, or for all pairs; `own` means that each site writes only to its own
     rows, so that sites are independent."""
     if d.is_pair:

@@ -8,8 +8,7 @@ from collections.abc import Iterable
 from .derivatives import BLOCKS
 from .emit_c import Writer
 from .graph import reachable
-from .site_reader import Row
-from .sites import Density
+from .sites import Density, Summand
 
 #: vectors that outputs depend on besides the state: for products with the Hessian, and for third derivatives
 VECTORS = dict.fromkeys(("uq", "up"), ("vq", "vp")) | dict.fromkeys(("tq", "tp"), ("aq", "ap", "bq", "bp"))
@@ -25,7 +24,7 @@ def one_or_many(name: str, parameters: str, names: str) -> str:
     return text + f"   if (n > 1 && all_{name}(n, {names}, 0) < 0)\n      all_{name}(n, {names}, 1);\n}}\n"
 
 
-def site_loop(d: Density, size: int, adds: list[tuple[str, int]], how: str = "+=") -> str:
+def site_loop(d: Summand, size: int, adds: list[tuple[str, int]], how: str = "+=") -> str:
     """One site: a loop over lanes that adds to the rows of neighbours."""
     before, inside, adds = summand(d, size, adds)
     stores = [f"      {target} {how} {value};" for target, value in adds]
@@ -33,24 +32,14 @@ def site_loop(d: Density, size: int, adds: list[tuple[str, int]], how: str = "+=
     return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
 
 
-def summand(d: Density, size: int, adds: list[tuple[str, int]]) -> tuple[list[str], list[str], list[tuple[str, str]]]:
+def summand(d: Summand, size: int, adds: list[tuple[str, int]]) -> tuple[list[str], list[str], list[tuple[str, str]]]:
     """Code of a summand that is equal for all lanes, and that of one lane; places and values of the
     additions. size: coordinates of a site."""
-    graph = d.derivatives.graph
-    first = len(d.derivatives.problem.parameters) - len(d.given)
-
-    def load(name: str) -> str:
-        letter = name.rstrip("0123456789")
-        if letter == "w":
-            row = d.inner[int(name[1:])] if d.inner else f"({d.weight}{' + site' if d.family else ''})"
-            return f"w[{row} * (ptrdiff_t)n + i]"
-        return f"{letter}[{row_of(d.rows[int(name[len(letter) :])], size)} * n + i]"
-
     given = {
-        graph.leaf(f"c{first + k}", False): f"c[{first} + {row.component} * sites + {_site_of(row)}]"
+        d.graph.leaf(f"c{d.numbers + k}", False): f"c[{d.numbers} + {row.component} * sites + {row.site}]"
         for k, row in enumerate(d.given)
     }
-    writer = (_PairWriter if d.is_pair else Writer)(graph, load, given)
+    writer = (_PairWriter if d.is_pair else Writer)(d.graph, lambda name: d.load(name, size), given)
     before, inside, _ = writer.lines([node for _, node in adds])
     return before, inside, [(target, writer.operand(node)) for target, node in adds]
 
@@ -79,18 +68,9 @@ class _PairWriter(Writer):
         return [*first, f"      const double x{x} = {value};"]
 
 
-def row_of(row: Row, size: int) -> str:
-    """The row of a coordinate of a site, in C."""
-    return _site_of(row) if size == 1 else f"({size} * {_site_of(row)} + {row.component})"
-
-
-def _site_of(row: Row) -> str:
-    return "other" if row.second else f"ROW({row.offset})"
-
-
 def additions(d: Density, size: int, output: str) -> list[tuple[str, int]]:
     """Places and values of the additions, in C."""
-    rows = [row_of(row, size) for row in d.rows]
+    rows = [row.of(size) for row in d.rows]
     places = {0: "i", 1: "{0} * n + i", 2: f"({{1}} * {count_of_rows(size)} + {{0}}) * n + i"}
     return [
         (f"{output}[{places[len(at)].format(*(rows[k] for k in at))}]", node)

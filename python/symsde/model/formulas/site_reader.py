@@ -26,6 +26,15 @@ class Row:
     offset: int = 0  #: number of sites behind the site
     component: int = 0  #: which coordinate of the site, or which parameter
 
+    @property
+    def site(self) -> str:
+        """The number of the site in C."""
+        return "other" if self.second else f"ROW({self.offset})"
+
+    def of(self, size: int) -> str:
+        """The row of a coordinate in C, where sites have `size` of them."""
+        return self.site if size == 1 else f"({size} * {self.site} + {self.component})"
+
 
 def local_symbol(letter: str, row: Row) -> Any:
     """The symbol of a coordinate, a momentum or a parameter (c) of a site."""
@@ -99,7 +108,7 @@ class SiteReader(Reader):
                 )
             if f"{name}_1" in self.names:
                 raise FormulaTextError(
-                    f"it holds an index of {name}: an index goes over all coordinates here, as in {self._shown}; of "
+                    f"it holds an index of {name}: an index stands behind other names here, as in {self._shown}; of "
                     f"{name} there are {name}_1, {name}_2, .."
                 )
             raise FormulaTextError(

@@ -18,7 +18,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ...native.files import optional
 from . import actions, kinks
 from .collective import Outer, make_outer, split
 from .derivatives import Derivatives
+from .graph import Graph
 from .named_formulas import Names, Problem, quoted
 from .parse import FormulaTextError, check_name, folded, parse
 from .site_reader import Row, SiteReader, local_symbol, locals_of, rows_of
@@ -80,6 +81,21 @@ class Number:
         return self == Number()
 
 
+class Summand(Protocol):
+    """The term of a sum over sites or pairs, as loops in C need it."""
+
+    first: Place
+    last: Place
+    given: tuple[Row, ...]  #: parameters of sites: those behind the last one of the model -> which, and the site
+    is_pair: bool  #: whether the sum is over pairs of sites
+    graph: Graph
+    numbers: int  #: number of parameters before those of sites
+
+    def load(self, name: str, size: int) -> str:
+        """An input of the term in C, where sites have `size` coordinates."""
+        ...
+
+
 @dataclass(frozen=True)
 class Density:
     """The summand of a sum over sites."""
@@ -105,6 +121,24 @@ class Density:
     def is_pair(self) -> bool:
         """Whether the sum is over pairs of sites."""
         return any(row.second for row in (*self.rows, *self.given))
+
+    @property
+    def graph(self) -> Graph:
+        """The operations of the summand and of its derivatives."""
+        return self.derivatives.graph
+
+    @property
+    def numbers(self) -> int:
+        """Number of parameters before those of sites."""
+        return len(self.derivatives.problem.parameters) - len(self.given)
+
+    def load(self, name: str, size: int) -> str:
+        """An input of the summand in C."""
+        letter = name.rstrip("0123456789")
+        if letter == "w":
+            row = self.inner[int(name[1:])] if self.inner else f"({self.weight}{' + site' if self.family else ''})"
+            return f"w[{row} * (ptrdiff_t)n + i]"
+        return f"{letter}[{self.rows[int(name[len(letter) :])].of(size)} * n + i]"
 
     @property
     def is_own(self) -> bool:
