@@ -8,6 +8,8 @@ import pytest
 import symsde as ss
 from symsde import errors
 
+pytestmark = pytest.mark.optimised
+
 START = np.linspace(0.3, 1.0, 5)
 
 

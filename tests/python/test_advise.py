@@ -21,6 +21,8 @@ from symsde.batch import scene
 from symsde.native.progress import _Bar
 from symsde.schemes import as_scheme
 
+pytestmark = pytest.mark.optimised
+
 ROOT = Path(__file__).resolve().parents[2]
 DEARER = 2.5  #: allowed multiple of the cheapest time on the front
 ROOM = 1.25  #: allowed multiple of the tolerance: 192 paths give an error to a tenth

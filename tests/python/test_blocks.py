@@ -19,6 +19,8 @@ from pathlib import Path
 import pytest
 from symsde.cli import command_line
 
+pytestmark = pytest.mark.optimised
+
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/method").glob("*.md"))]
 FENCE = re.compile(r"^```(\S+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)

@@ -8,6 +8,8 @@ import pytest
 import symsde as ss
 from symsde.cli import command_line
 
+pytestmark = pytest.mark.optimised
+
 SCENE = """
 [model]
 H = "p**2/2 + k*q**2/2"

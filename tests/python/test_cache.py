@@ -14,6 +14,8 @@ from symsde.model.formulas import cache, compiler
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+pytestmark = pytest.mark.optimised  # as in the processes that these tests start
+
 SOURCE = "double formula_value(void) { return 1.0; }\n"
 OTHER = 12345  #: a user id other than this process's
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to others")

@@ -12,6 +12,8 @@ from symsde.model.formulas import compiler, emit_chain_flow
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+pytestmark = pytest.mark.optimised
+
 FREE = "Sum(p[i]**2/2, i)"
 CHAINS = {  # potential, noises, ends, sites
     "phi4": ("Sum(q[i]**2/2 + q[i]**4/4 + a*(q[i+1]-q[i])**2/2, i)", ["b*q[k]**2"], "periodic", 7),

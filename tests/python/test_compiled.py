@@ -9,6 +9,8 @@ import pytest
 import symsde as ss
 from symsde import errors
 
+pytestmark = pytest.mark.optimised
+
 SCHEMES = ["midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun", "euler_maruyama"]
 
 

@@ -8,6 +8,8 @@ import pytest
 import symsde as ss
 from symsde.errors import IncompatibleError, UnknownNameError, WrongShapeError
 
+pytestmark = pytest.mark.optimised
+
 KICKS = ("gauss_dkdkd", "verlet_kdk", "chin4a", "gauss_dkdkd_strong2", "verlet_kdk_strong2", "chin4a_strong2")
 NOISES = ("law", "law2", "law3", "path", "polynomial")
 FREE = ss.model_from_sympy("p**2/2", noise=["-q"])

@@ -26,6 +26,8 @@ from symsde.model.formulas.graph import Graph  # noqa: E402
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+pytestmark = pytest.mark.optimised
+
 q, p, t = sp.symbols("q p t")
 a, g, s, s1, s2, w = sp.symbols("a gamma sigma sigma1 sigma2 omega")
 q1, q2, p1, p2 = sp.symbols("q1 q2 p1 p2")

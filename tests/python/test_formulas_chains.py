@@ -18,6 +18,8 @@ from symsde.model.formulas import compiler
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+pytestmark = pytest.mark.optimised
+
 FPU = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4, i)"
 PARAMS = {"beta": 0.8, "sigma": 0.1}
 # mixed derivatives, three neighbours, functions, time; and terms that vanish beyond either end

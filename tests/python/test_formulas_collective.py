@@ -16,6 +16,8 @@ from symsde.model.formulas.sites import make_chain
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+pytestmark = pytest.mark.optimised
+
 N = 5
 ROTATORS = "Sum(p[i]**2/2, i) - K*(Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2)/(2*N)"
 PARAMS = {"K": 1.2, "N": float(N), "s": 0.3, "a": 2.5}

@@ -18,6 +18,8 @@ from symsde.model.formulas import compiler, emit_flow
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+pytestmark = pytest.mark.optimised
+
 ALL = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "midpoint", "gauss2")
 KINETIC = "(p1**2 + p2**2 + p3**2)/2"
 MODELS = {  # H, noises, schemes with generated steps

@@ -16,6 +16,8 @@ mpmath = pytest.importorskip("mpmath")
 from symsde.model.formulas import compiler, in_numpy  # noqa: E402
 from symsde.model.formulas.graph import FUNCTIONS, INNER  # noqa: E402
 
+pytestmark = pytest.mark.optimised
+
 HEADER = Path(compiler.__file__).with_name("lane_functions.h").read_text(encoding="utf-8")
 CALLS = {
     "sin": "double s, k; lane_sincos(x[i], &s, &k, FAR, &beyond); y[i] = s;",

@@ -15,6 +15,8 @@ from symsde.model.formulas.derivatives import Derivatives  # noqa: E402
 from symsde.model.formulas.in_numpy import InNumpy  # noqa: E402
 from symsde.model.formulas.named_formulas import make_problem  # noqa: E402
 
+pytestmark = pytest.mark.optimised
+
 TAME = (
     "1/(1 + exp((q - 1)/0.05))",
     "log(1 + exp(q))",

@@ -13,6 +13,8 @@ pytest.importorskip("sympy")
 
 from symsde.model.formulas.in_numpy import InNumpy
 
+pytestmark = pytest.mark.optimised
+
 PARAMS = {"a": 0.7, "b": 0.4, "s": 0.3}
 TWO = {"q": ["x", "y"], "p": ["u", "v"]}
 SCHEME = "gauss2_strong32"

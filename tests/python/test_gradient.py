@@ -56,14 +56,14 @@ def f_of(model, f, run):
 
 def differences(make, f, name, run, size=3e-3):
     """Central differences of f of each path by a parameter, or by one of q0 and p0."""
-    total = 0
+    model, total = make(), 0
     for k, weight in STENCIL:
         sides = []
         for h in (k * size, -k * size):
             if name in ("q0", "p0"):
-                sides.append(f_of(make(), f, {**run, name: run[name] + h}))
+                sides.append(f_of(model, f, {**run, name: run[name] + h}))
             else:
-                sides.append(f_of(make(**{name: make().parameters[name] + h}), f, run))
+                sides.append(f_of(make(**{name: model.parameters[name] + h}), f, run))
         total = total + weight * (sides[0] - sides[1]) / size
     return total
 
@@ -184,6 +184,7 @@ def test_strong_damping(make, scheme, z):
         assert abs(maps.by["s"][0] - right).max() < 1e-11 * abs(right).max()
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize(("paths", "options"), [(1, {}), (3, {"refine": 2}), (3, {"refine": -1}), (300, {"lanes": 8})])
 def test_runs(paths, options):
     """Single paths, refined noise and blocks of eight lanes."""
@@ -235,6 +236,7 @@ def test_functions_that_hold_parameters():
     assert np.array_equal(mine.by_path["k"], theirs.by_path["k"]) and (mine.by_path["k"] != 0).all()
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint"])
 @pytest.mark.parametrize(("steps", "every"), [(2000, 2000), (1999, 1999), (2000, 1000), (2000, 10), (2000, 400)])
 def test_pieces(scheme, steps, every):
@@ -249,6 +251,7 @@ def test_pieces(scheme, steps, every):
     assert all(np.array_equal(part.by_path[name], whole.by_path[name][..., 256:]) for name in names)
 
 
+@pytest.mark.optimised
 def test_groups(monkeypatch):
     """Groups of paths, whose states are held at once, change no bit."""
     start = np.linspace(0.1, 0.9, 600)[np.newaxis]
@@ -260,6 +263,7 @@ def test_groups(monkeypatch):
     assert all(np.array_equal(groups.by_path[name], x) for name, x in whole.by_path.items())
 
 
+@pytest.mark.optimised
 def test_parameters_by_path():
     """Path i with its value has the derivatives of path i alone with that number."""
     sigma = np.linspace(0.1, 0.5, 20)

@@ -23,6 +23,8 @@ import recorded_calls
 import recorded_commands
 import recorded_runs
 
+pytestmark = pytest.mark.optimised
+
 FILE = Path(__file__).with_name("recorded.txt")
 GROUPS = {f.__name__: f for f in (*recorded_runs.GROUPS, *recorded_calls.GROUPS, *recorded_commands.GROUPS)}
 HEAD = "\n".join(f"# {line}".rstrip() for line in __doc__.splitlines())

@@ -9,6 +9,8 @@ from symsde.cli import command_line
 from symsde.errors import IncompatibleError, InvalidArgumentError
 from symsde.model.formulas import formula_observables as formulas
 
+pytestmark = pytest.mark.optimised
+
 H = "Sum(p[i]**2/2 + (q[i+1] - q[i])**2/2 + k*(q[i+2] - q[i-1])**4/4 + cos(q[i] - q[i+1]), i) + 0.5*Sum(q[j]**2, j)"
 N = 7
 
