@@ -26,6 +26,8 @@ LABELS = {
     "uneven": np.arange(N) // 100,
     "turns": np.arange(N) % 3,
     "drawn": np.random.default_rng(1).integers(0, 90, N),
+    "far apart": np.where(np.arange(N) % 2, 2**62, -5),
+    "below zero": np.arange(N, dtype=np.int8) // 8 - 3,
 }
 
 

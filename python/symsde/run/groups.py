@@ -24,6 +24,7 @@ KINDS = ("mean", "var", "se_mean")
 MEANS = "moments of groups"  #: the name of their sums, which no observer can have
 _TAKEN = {"time", "t", "dof", "path", "value", "n_ok", "energy"}  #: names that files use for dimensions and variables
 _MOST = 10**7  #: groups
+_SPARSE = 8  #: labels are counted in a table of this many places for each path at most, and sorted otherwise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,9 +149,15 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
         )
     if labels.shape != (paths,):
         raise WrongShapeError(f"groups have shape {labels.shape}: give (path,), labels of {paths} paths")
-    found, places = np.unique(labels, return_inverse=True)
-    if int(found[-1]) > np.iinfo(np.int64).max:
-        raise InvalidArgumentError(f"groups hold the label {found[-1]}: give whole numbers below 2**63")
+    if (most := int(labels.max())) > np.iinfo(np.int64).max:
+        raise InvalidArgumentError(f"groups hold the label {most}: give whole numbers below 2**63")
+    least = int(labels.min())
+    if most - least > _SPARSE * paths:
+        found, places = np.unique(labels, return_inverse=True)
+    else:  # a count takes a tenth of the time of a sort
+        from_least = labels.astype(np.int64) - least
+        there = np.bincount(from_least) > 0
+        found, places = np.flatnonzero(there) + least, (np.cumsum(there) - 1)[from_least]
     return groups_of_points(Grid({"group": found.astype(np.int64)}, is_zip=False), places)
 
 

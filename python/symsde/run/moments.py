@@ -20,7 +20,7 @@ from ..errors import FalseTraitError, IncompatibleError, InvalidArgumentError, N
 from ..model.definition import Model
 from ..model.thermostat import diagonal_masses
 from ..native import abi, callbacks, checks, files, handles
-from ..native.checks import address, counted
+from ..native.checks import address, addresses, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
 from ..show import tables, tabular
@@ -163,17 +163,17 @@ class Moments(MomentTables, Reported):
             return
         failures = callbacks.Failures()
         moments = handles.new(abi.Moments, "moments")
-        moments.t, moments.n_ok, moments.m2 = (address(x) for x in (self.t, self.n_ok, self.m2))
-        for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
-            setattr(moments, member, address(self._tables[kind]))
+        arrays = self.t, self.n_ok, self.m2, *(self._tables[kind] for kind in ("mean", "var", "se_mean"))
+        moments.t, moments.n_ok, moments.m2, moments.mean, moments.variance, moments.se_mean = addresses(arrays)
         _bound = bind(observables, self.setup.model, moments, failures)
         if self._asked:
-            addresses, _made = structs(Scope(self.setup, self.values, self.groups), self._asked, self.kept)
-            moments.nobserver, moments.observers = len(self._asked), ctypes.addressof(addresses)
+            requested, _made = structs(Scope(self.setup, self.values, self.groups), self._asked, self.kept)
+            moments.nobserver, moments.observers = len(self._asked), ctypes.addressof(requested)
         moments.codes = address(self.codes)
         report = handles.new(abi.Report, "report")
         report.threads = 0  # stays 0 if the run does not begin
-        with Monitor(progress) as monitor:
+        in_python = self.setup.model.in_python or are_in_python(observables)
+        with Monitor(progress, in_python=in_python) as monitor:
             try:
                 self._integrate(moments, report, monitor, failures)
             finally:

@@ -267,14 +267,17 @@ contains
       real(wp), intent(in) :: x(2**level)
       real(wp), intent(out) :: mean, m2
       real(wp), dimension(2**usual_level) :: ma, sa, mb, sb
+      real(wp) :: weight
       integer :: k
 
       ma(:2**level) = x
       sa(:2**level) = 0
+      weight = 0.5_wp
       do k = level - 1, 0, -2
-         call halve(2**k, scale(1.0_wp, level - k - 2), ma, sa, mb, sb)
+         call halve(2**k, weight, ma, sa, mb, sb)
          if (k == 0) exit
-         call halve(2**(k - 1), scale(1.0_wp, level - k - 1), mb, sb, ma, sa)
+         call halve(2**(k - 1), 2*weight, mb, sb, ma, sa)
+         weight = 4*weight
       end do
       mean = merge(mb(1), ma(1), mod(level, 2) == 1)
       m2 = merge(sb(1), sa(1), mod(level, 2) == 1)

@@ -14,8 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .named_formulas import quoted
 
 if TYPE_CHECKING:
@@ -35,17 +33,17 @@ class Part:
 
     def at(self, values: list) -> Split | None:
         """S for these values of the parameters, as rows; None where it is not finite, or differs by path."""
-        second = np.zeros((self.size, self.size))
+        second = [[0.0] * self.size for _ in range(self.size)]
         try:
             for entry, places in self.entries:
                 number = entry(values)
                 if number.imag or not math.isfinite(number.real):
                     return None
-                for place in places:
-                    second[place] += number.real
+                for i, j in places:
+                    second[i][j] += number.real
         except (ArithmeticError, AttributeError, KeyError, RuntimeError, TypeError, ValueError):
             return None
-        return tuple(map(tuple, second.tolist()))
+        return tuple(map(tuple, second))
 
 
 def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:

@@ -79,8 +79,10 @@ def packed(values: Mapping[str, Any]) -> np.ndarray:
     """Values as compiled functions read them: a number for each parameter, and behind these the numbers of those that
     have one for each site (a tuple)."""
     alone = [0.0 if isinstance(x, tuple) else x for x in values.values()]
-    arrays = [x for x in values.values() if isinstance(x, tuple)]
-    return np.concatenate([alone or [0.0], *arrays])
+    for x in values.values():
+        if isinstance(x, tuple):
+            alone += x
+    return np.array(alone or [0.0], float)
 
 
 def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaModel:
@@ -100,7 +102,7 @@ def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaMod
     else:
         table, numbers = None, packed(values)
         gradient, value, w = code.direct
-        model._direct = gradient, value, numbers.ctypes.data, w
+        model._direct = gradient, value, checks.address(numbers), w
     frequencies = None if rotation is None else np.array(rotation)
     make = functools.partial(_handle, root._handles, numbers, table, frequencies)
     if split != root._split:
@@ -113,7 +115,7 @@ def _handle(roots: handles.Pool, numbers: Any, table: Any, frequencies: Any) -> 
     """Make a handle of a model with these values from a handle of the root."""
     pointer, root = ctypes.c_void_p(), roots.take()
     try:
-        user, rotation = (None if x is None else x.ctypes.data for x in (numbers, frequencies))
+        user, rotation = checks.address(numbers), checks.address(frequencies)
         handles.call("model_with_user", root.pointer, user, rotation, ctypes.byref(pointer))
     finally:
         roots.give(root)
