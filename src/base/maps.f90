@@ -16,6 +16,7 @@
 !>    kick_drift_kick_map              kicks at the ends of a step
 !>    two_kicks_map                    kicks at both nodes of Gauss, drifts around and between them
 !>    two_kicks_rotation_map           the same, with rotations by (p.p + q.q)/2 in the place of drifts
+!>    force_gradient_map               kicks at both ends and between, which also follows the gradient of V_q.V_q
 !>
 !> If the model is damped, momenta decay in these maps as base/record describes.
 module symsde_base_maps
@@ -26,13 +27,14 @@ module symsde_base_maps
    public :: other_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map, gauss2_map
    public :: gauss3_map, gauss4_map, lobatto3_map, lobatto3_swapped_map, lobatto4_map, lobatto4_swapped_map
    public :: gauss2_brackets_map, drift_kick_drift_map, kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map
+   public :: force_gradient_map
 
    enum, bind(c)
       enumerator :: other_map = 0, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map
       enumerator :: midpoint_map, gauss2_map, gauss3_map, gauss4_map
       enumerator :: lobatto3_map, lobatto3_swapped_map, lobatto4_map, lobatto4_swapped_map
       enumerator :: gauss2_brackets_map
-      enumerator :: drift_kick_drift_map, kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map
+      enumerator :: drift_kick_drift_map, kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map, force_gradient_map
    end enum
 
    !> A map. The library's models know its equation; a user's model keeps functions by any label.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generated whole steps of chains: equal to the general stepper to ulps, with the same bits in any blocks."""
+"""Whole steps of chains, generated or built in: the general stepper's to ulps, with the same bits in any blocks."""
 
 import numpy as np
 import pytest
@@ -26,13 +26,15 @@ RUN = {"p0": 0.3, "step": 0.05, "steps": 9, "seed": 3, "correction": "none"}
 
 
 def chain(name: str) -> ss.Model:
+    if name == "built in":
+        return ss.models.fpu_chain(n=9, beta=0.7, sigma=0.3)
     potential, noise, ends, n = CHAINS[name]
     return ss.model_from_sympy(f"{FREE} + {potential}", noise, params={"a": 0.7, "b": 0.3}, n=n, ends=ends)
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.8])
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", [*CHAINS, "built in"])
 def test_steps_are_those_of_the_general_stepper(name, scheme, rate):
     """Nine steps of 21 paths agree to rounding; a path alone, narrow blocks and other saves have the same bits."""
     model = chain(name).damped(rate)

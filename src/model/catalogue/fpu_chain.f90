@@ -9,10 +9,14 @@
 !>
 !> The cost of every operation except the dense Hessian is proportional to n.
 module symsde_model_catalogue_fpu_chain
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map
+   use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: name_length, to_text
    use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_model_flows_fpu_chain, only: fpu_chain_flow, fpu_chain_has_flow
    use symsde_model_kernels, only: kernel_model, kernel_offers
    use symsde_model_parameters, only: require_finite, is_zero, largest_system
    implicit none
@@ -38,6 +42,8 @@ module symsde_model_catalogue_fpu_chain
       procedure :: force_stiffness
       procedure :: hessian_vector
       procedure :: pair
+      procedure :: has_flow
+      procedure :: flow
    end type fpu_chain_model
 
 contains
@@ -67,8 +73,7 @@ contains
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       self%offers = kernel_offers(rows=.true., rows_of_one=.true., pair=n == 2)
-      ! All noises have the same strength, so either all are silent or none is.
-      allocate (self%traits%silent(n), source=is_zero(sigma))
+      allocate (self%traits%silent(n), source=is_zero(sigma))  ! all noises have the same strength
    end subroutine new_fpu_chain
 
    !> Value of sum_j w_j H_j.
@@ -143,16 +148,13 @@ contains
       call gradient_row(nlane, beta, sigma, w, w(1, n), q(1, n), wall, force, hq(1, n))
    end subroutine gradient_lanes
 
-   !> VEC hp = w_0 p of one lane; masses are adjacent in memory.
+   !> hp = w_0 p of one lane; masses are adjacent in memory.
    pure subroutine velocity_alone(n, weight, p, hp)
       integer, intent(in) :: n
       real(wp), intent(in) :: weight, p(n)
       real(wp), intent(out) :: hp(n)
-      integer :: i
 
-      do i = 1, n
-         hp(i) = weight*p(i)
-      end do
+      hp = weight*p
    end subroutine velocity_alone
 
    !> A short single chain, spring by spring: vector loads would have to wait for numbers that were stored one by one.
@@ -255,14 +257,35 @@ contains
       k22 = k(2) + k(3)
    end subroutine pair
 
+   !> Whether `flow` can take steps by this map.
+   pure logical function has_flow(self, map)
+      class(fpu_chain_model), intent(in) :: self
+      type(step_map), intent(in) :: map
+
+      has_flow = fpu_chain_has_flow(map, self%traits%ndof)
+   end function has_flow
+
+   !> Whole steps, see model_type. States that overflow are not finite: status is not set here.
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
+      class(fpu_chain_model), intent(in) :: self
+      type(step_map), intent(in) :: map
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in), dimension(steps%nlane, ndof) :: q, p
+      real(wp), intent(out), dimension(steps%nlane, ndof, steps%nstep/steps%every) :: qn, pn
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call fpu_chain_flow(map, self%beta, self%sigma, steps, ndof, q, p, qn, pn, counters)
+   end subroutine flow
+
    !> Dense Hessian blocks of sum_j w_j H_j, for callers without bands. The noises are linear and do not contribute;
    !> S_qp = 0 and S_pp = w_0 I.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), intent(out), optional, dimension(nlane, ndof, ndof) :: hqq, hqp, hpp
       real(wp), allocatable :: bands(:, :, :)
       integer :: i, j
 
@@ -290,11 +313,9 @@ contains
    !>   hqq(:, d, i) = S_qq(i, i + d):   -k_{i-1} for d = -1,   k_{i-1} + k_i for d = 0,   -k_i for d = 1
    subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      integer, intent(in) :: b  !! bandwidth, at least the bandwidth of the traits
+      integer, intent(in) :: nlane, ndof, nnoise, b  !! b: bandwidth, at least that of the traits
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof), hqp(nlane, -b:b, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
+      real(wp), intent(out), optional, dimension(nlane, -b:b, ndof) :: hqq, hqp, hpp
       real(wp) :: lower(nlane), upper(nlane)
       integer :: i
 
@@ -304,8 +325,7 @@ contains
          call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, lower)
          do i = 1, ndof
             call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, upper)
-            ! `lower` is the stiffness of the spring before mass i, `upper` of the spring after it: each is
-            ! evaluated once.
+            ! `lower` is the stiffness of the spring before mass i, `upper` of the one after it; each is evaluated once.
             hqq(:, 0, i) = lower + upper
             if (i < ndof) hqq(:, 1, i) = -upper
             if (i > 1) hqq(:, -1, i) = -lower
@@ -355,8 +375,7 @@ contains
    !> Force and upper bands; for one lane by the operations of chain_rows, with springs adjacent in memory.
    subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
       class(fpu_chain_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      integer, intent(in) :: b   !! bandwidth, traits%bandwidth
+      integer, intent(in) :: nlane, ndof, nnoise, b  !! b: traits%bandwidth
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
 
@@ -372,9 +391,7 @@ contains
    !> Bands below the diagonal are equal to these, and are not set.
    pure subroutine upper_bands(nlane, ndof, b, beta, w, q, hqq)
       integer, intent(in) :: nlane, ndof, b
-      real(wp), intent(in) :: beta
-      real(wp), intent(in) :: w(nlane)  !! weights of H_0
-      real(wp), intent(in) :: q(nlane, ndof)
+      real(wp), intent(in) :: beta, w(nlane), q(nlane, ndof)  !! w: weights of H_0
       real(wp), intent(out) :: hqq(nlane, 0:b, ndof)
       real(wp) :: before(nlane), behind(nlane)
       integer :: i
@@ -400,8 +417,7 @@ contains
       integer :: first, last, i
 
       weight = w(0)
-      ! The loops are those of gradient_alone, with the stiffness in addition; tiles of 64 springs stay in the first
-      ! cache.
+      ! The loops of gradient_alone, with the stiffness in addition; tiles of 64 springs stay in the first cache.
       call spring(beta, weight, q(1), force(0), k(0))
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -474,13 +490,10 @@ contains
    !> Stiffness of spring i times the weight of H: w_0 (1 + 3 beta r_i^2).
    pure subroutine stiffness(nlane, ndof, i, beta, w, q, k)
       integer, intent(in) :: nlane, ndof, i
-      real(wp), intent(in) :: beta
-      real(wp), intent(in) :: w(nlane)  !! weights of H_0
-      real(wp), intent(in) :: q(nlane, ndof)
+      real(wp), intent(in) :: beta, w(nlane), q(nlane, ndof)  !! w: weights of H_0
       real(wp), intent(out) :: k(nlane)
 
       call stretch(nlane, ndof, i, q, k)
-      ! Up to here k holds r_i.
       k = w*(1 + 3*beta*k**2)
    end subroutine stiffness
 

@@ -9,7 +9,7 @@ module symsde_step_flow_scheme_map
    use symsde_base_maps, only: step_map, other_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, &
                                midpoint_map, gauss2_map, gauss3_map, gauss4_map, lobatto3_map, lobatto3_swapped_map, &
                                lobatto4_map, lobatto4_swapped_map, gauss2_brackets_map, drift_kick_drift_map, &
-                               kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map
+                               kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map, force_gradient_map
    use symsde_base_status, only: error_type
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type, tableau_form, frame_none
@@ -71,6 +71,7 @@ contains
       case ('verlet_kdk', 'verlet_kdk_strong2'); map%equation = kick_drift_kick_map
       case ('gauss_dkdkd', 'gauss_dkdkd_strong2'); map%equation = two_kicks_map
       case ('gauss_dkdkd_rotation'); map%equation = two_kicks_rotation_map
+      case ('chin4a', 'chin4a_strong2'); map%equation = force_gradient_map
       case default; map%equation = other_map
       end select
    end function named_map
