@@ -114,9 +114,9 @@ contains
             do i = 1, n
                hq(:, i) = hq(:, i) - s(i, j)*q(:, j) - s(i, n + j)*p(:, j)
                hp(:, i) = hp(:, i) - s(n + i, j)*q(:, j) - s(n + i, n + j)*p(:, j)
-               scale = max(scale, maxval(abs(s))*state)
             end do
          end do
+         if (parted) scale = max(scale, maxval(abs(s))*state)
          bracket = q*hp - p*hq
          call worst(bracket, zero, scale*state, tolerance, bad)
          if (bad%lane > 0) x = bracket(bad%lane, bad%i)
