@@ -23,6 +23,7 @@ emit_flow            C for whole steps of a scheme; the steps are in the headers
 sites                chains: sums over sites
 site_reader          texts about sites: q[i + 1], m[i], Sum(.., i), Sum(.., i < j)
 site_traits          traits of sums over sites
+site_parts           the quadratic part of sums over sites whose flow is exact between kicks
 site_loops           C for one site of a density
 pair_loops           C for all sites, or all pairs of sites, of a density
 emit_sites           C for the callbacks of a chain

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,6 @@ from .named_formulas import quoted
 
 if TYPE_CHECKING:
     from ..split import Split
-    from .sites import Density
     from .structure import Prover
 
 
@@ -65,52 +64,6 @@ def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:
         (function(e, {}, prover._real), ((i, j),)) for i, row in enumerate(second) for j, e in enumerate(row) if e != 0
     ]
     return Part(len(second), tuple(entries)), ""
-
-
-def of_sites(densities: Sequence[Density], count: int) -> Part | None:
-    """The same of sums over sites: of each density by itself. None where one of them is inside of a function."""
-    if any(d.inner for d in densities):
-        return None
-    places: dict[Any, list[tuple[int, int]]] = {}
-    for d in densities:
-        names = [*d.derivatives.problem.coordinates("q"), *d.derivatives.problem.coordinates("p")]
-        local = _of_density(d, names, d.weight.is_drift)
-        if local is None:
-            return None
-        for (i, j), e in local.items():
-            k = len(d.offsets)
-            for site in range(d.first.of(count), d.last.of(count) + 1):
-                row, column = ((site + d.offsets[x % k]) % count + (count if x >= k else 0) for x in (i, j))
-                places.setdefault(e, []).append((row, column))
-    return Part(2 * count, tuple((_of_parameters(e), tuple(where)) for e, where in places.items()))
-
-
-def _of_parameters(e: Any) -> Callable[[list], complex]:
-    """The value of an expression as a function of the values of parameters c0, c1, .."""
-    held = {x: int(x.name[1:]) for x in e.free_symbols}
-    return lambda values: complex(e.subs({x: values[k] for x, k in held.items()}))
-
-
-def _of_density(d: Density, names: list[str], is_drift: bool) -> dict[tuple[int, int], Any] | None:
-    """Second derivatives at the origin that do not vanish, of H alone; None where {I_k, .} of the rest does not."""
-    made, rest = d.derivatives, dict.fromkeys(names, 0)
-    symbols = [made.symbol[x] for x in names]
-    second = {}
-    for i, j in itertools.product(range(len(names)), repeat=2) if is_drift else ():
-        e = made._engine.sympify(made.of(names[i], names[j])[0]).subs({made.symbol[x]: y for x, y in rest.items()})
-        if made.symbol["t"] in e.free_symbols:
-            return None
-        if e != 0:
-            second[i, j] = e
-    k = len(names) // 2
-    for i in range(k):
-        hq, hp = (
-            made.of(names[x])[0] - sum((second.get((x, j), 0) * y for j, y in enumerate(symbols)), 0 * symbols[0])
-            for x in (i, k + i)
-        )
-        if (symbols[i] * hp - symbols[k + i] * hq).expand() != 0:
-            return None
-    return second
 
 
 def second_derivatives(prover: Prover) -> list[list[Any]] | None:

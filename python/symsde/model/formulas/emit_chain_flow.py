@@ -26,7 +26,9 @@ RESULTS = "double *own, double *handed, const int far, int64_t *beyond"
 
 def flows(chain: Chain) -> list[str]:
     """The schemes of which whole steps are used."""
-    return _schemes(chain) if chain.n <= MOST_SITES else []
+    if chain.n > MOST_SITES:
+        return []
+    return [x for x in _schemes(chain) if chain.part is None or x not in KICKS]  # whose drifts are other ones
 
 
 def _schemes(chain: Chain) -> list[str]:

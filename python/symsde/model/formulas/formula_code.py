@@ -16,7 +16,7 @@ from ...native import callbacks, checks
 from ...native.files import optional
 from ..rates import Rates
 from ..split import KICKS
-from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks, parameters
+from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks, parameters, quadratic, site_parts
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
@@ -57,7 +57,9 @@ class Code:
     derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
     chain: Chain | None  #: sums over sites
     rotation: Callable[[list], tuple[float, ...] | None]  #: values -> frequencies of the linear part
-    part: actions.Part | None  #: values -> second derivatives of the quadratic part between kicks
+    part: (
+        actions.Part | quadratic.Part | site_parts.Part | None
+    )  #: values -> second derivatives of the quadratic part between kicks
     compiled: compiler.Compiled | None
     kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
     pulls: _forces.Found  #: forces beside the Hamiltonians
@@ -237,13 +239,10 @@ def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
 
 def _chain(*, H, noise, q, p, params, t, invariants, n, ends, split) -> Chain:
     """Read sums over n sites."""
-    if split is not None:
-        raise InvalidArgumentError(
-            f"split = {checks.shown(split)}: models of n sites take no quadratic part; leave it out"
-        )
     if (q is None) != (p is None) or invariants:
         raise InvalidArgumentError(
             "sums over n sites are in q[i] and p[i]: leave out q, p and invariants, or name the coordinates of a site "
             "and as many momenta, as q='x y z', p='px py pz' for x[i], px[i], .."
         )
-    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends, components=None if q is None else (q, p))
+    components = None if q is None else (q, p)
+    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends, components=components, split=split)

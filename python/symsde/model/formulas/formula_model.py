@@ -55,9 +55,8 @@ class FormulaModel(Model):
         try:
             return super().call(name, *arguments, allow=allow)
         except IncompatibleError as error:
-            structure = self.formula.structure
             apart = "(split)" in str(error) or "position_noise" in str(error)
-            why = structure.unsplit if structure and apart else ""
+            why = (self.formula.structure or self._chain).unsplit if apart else ""
             raise type(error)(f"{error} ({why or self._quoted()})") from None
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
@@ -244,8 +243,9 @@ def model_from_sympy(
       -gamma_i p_i with constants becomes damping
 
     - split: a quadratic part D of H, as "p1**2/2 + p2**2/2 + w*(q2*p1 - q1*p2)", whose flow is taken exactly between
-      kicks by the rest, a function of q (``gauss_dkdkd``, ``verlet_kdk``, ``chin4a``). By default it is found where H
-      couples q and p (``model.formula.structure.split``)
+      kicks by the rest, a function of q (``gauss_dkdkd``, ``verlet_kdk``, ``chin4a``) or of the actions
+      (q_k^2 + p_k^2)/2 (``gauss_dkdkd``); with n it holds sums over sites. By default it is found where H couples q and
+      p, or no mass is constant (``model.traits.split``, ``model.traits.kicks``)
 
     Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
     and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).

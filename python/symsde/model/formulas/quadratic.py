@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 #: positions of size one at which what is left for kicks is compared
 _PLACES = (0.61, -0.83, 1.17, 0.47, -1.31, 0.73, -0.94, 1.09, -0.55)
+_COUNT = 3  #: how many of these places
 _Number = Callable[[list], complex]
 
 
@@ -45,22 +46,26 @@ class Part:
         try:
             pp, qp, qq = (_numbers(x, values) for x in (self.momenta, self.mixed, self.stiffness))
             if self.slopes:
-                qq = self._chosen(pp, qp, qq, values)
+                qq = stiffness(pp, qp, qq, _numbers(self.slopes, values))
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
             return None
         second = np.block([[qq, qp], [qp.T, pp]])
         return tuple(map(tuple, second.tolist())) if np.isfinite(second).all() else None
 
-    def _chosen(self, pp: np.ndarray, qp: np.ndarray, linear: np.ndarray, values: list) -> np.ndarray:
-        """S_qq of the two splits that leaves less for kicks."""
-        square = np.zeros_like(pp)
-        if np.linalg.matrix_rank(pp) == len(pp):
-            square = qp @ np.linalg.solve(pp, qp.T)
-            square = (square + square.T) / 2
-        slopes = _numbers(self.slopes, values)
-        places = np.array([_place(len(pp), k) for k in range(len(slopes))])
-        left = [np.abs(slopes - places @ qq).sum() for qq in (square, linear)]
-        return linear if left[1] < left[0] else square
+
+def stiffness(pp: np.ndarray, qp: np.ndarray, linear: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """S_qq of the two splits that leaves less for kicks; slopes: H_q at p = 0 and the positions of `places`."""
+    square = np.zeros_like(pp)
+    if np.linalg.matrix_rank(pp) == len(pp):
+        square = qp @ np.linalg.solve(pp, qp.T)
+        square = (square + square.T) / 2
+    left = [np.abs(slopes - places(len(pp)) @ qq).sum() for qq in (square, linear)]
+    return linear if left[1] < left[0] else square
+
+
+def places(n: int) -> np.ndarray:
+    """Positions of size one at which the two are compared, (place, n)."""
+    return np.array([_place(n, k) for k in range(_COUNT)])
 
 
 def _told(prover: Prover, name: str) -> str:
@@ -113,7 +118,7 @@ def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:
     try:
         slopes = [
             [function(prover.diff(0, x), {**zero, **dict(zip(q, _place(len(q), k), strict=True))}, real) for x in q]
-            for k in range(3)
+            for k in range(_COUNT)
         ]
         return Part(matrix(p, p), matrix(q, p), matrix(q, q), slopes), ""
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):

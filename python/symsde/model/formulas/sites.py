@@ -25,7 +25,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, WrongShapeError
 from ...native import checks
 from ...native.files import optional
-from . import actions, kinks
+from . import kinks, site_parts
 from .collective import Outer, make_outer, split
 from .derivatives import Derivatives
 from .graph import Graph
@@ -161,7 +161,8 @@ class Chain:
     parameters: dict[str, float]
     kinked: tuple[int, ...]  #: numbers of the formulas with kinks or jumps in the state
     traits: dict[str, Any]
-    part: actions.Part | None  #: the quadratic part of H between kicks by functions of the actions
+    part: site_parts.Part | None  #: the quadratic part of H between kicks
+    unsplit: str = ""  #: what keeps H from having one; empty if nothing does, or nothing could be
 
     @property
     def size(self) -> int:
@@ -192,8 +193,11 @@ class _Whose:
     parameters: dict[str, Any]
 
 
-def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: Any, components: Any = None) -> Chain:
-    """Read and differentiate sums over sites; components: names of the coordinates and of the momenta of a site."""
+def make_chain(
+    *, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: Any, components: Any = None, split: Any = None
+) -> Chain:
+    """Read and differentiate sums over sites; components: names of the coordinates and of the momenta of a site; split:
+    a quadratic part of H by hand."""
     sympy = optional("sympy", "sympy")
     count = checks.integer("n", n)
     if not 2 <= count <= MAX_SITES:
@@ -244,11 +248,39 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     )
     if any(kinked) and not traits["position_noise"]:
         raise InvalidArgumentError(kinks.REFUSED.format(quoted(texts[max(kinked)])))
-    part = actions.of_sites(densities, count) if chain.is_line and not (kicked or kinked) else None
-    if part and (split := part.at(list(names.values.values()))):
-        traits = {**chain.traits, "split": split, "kicks": part.kicks}
-        return replace(chain, part=part, traits=traits)
-    return chain
+    form = _form(split, (names.known, components, arrays), names.values, ends, count)
+    return _with_part(chain, form, is_sought=not (kicked or any(kinked)))
+
+
+def _with_part(chain: Chain, form: list[Density], is_sought: bool) -> Chain:
+    """The chain with the quadratic part that is given, or found if it is sought."""
+    known = list(chain.parameters)
+    sites = site_parts.Sites(chain.n, chain.size, tuple(known.index(x) for x in chain.arrays))
+    part, why = None, ""
+    if form:
+        part = site_parts.given(form, chain.densities, sites)
+    elif is_sought:
+        part, why = site_parts.found(chain.densities, sites)
+    if part and (second := part.at(list(chain.parameters.values()))):
+        return replace(chain, part=part, traits={**chain.traits, "split": second, "kicks": part.kicks})
+    return replace(chain, unsplit=why)
+
+
+def _form(
+    text: Any, known: tuple[Mapping[str, Any], Any, Any], values: dict[str, Any], ends: str, count: int
+) -> list[Density]:
+    """The summands of a quadratic part that is given as sums over sites; none without one."""
+    if text is None:
+        return []
+    if not isinstance(text, str):
+        raise InvalidArgumentError(f"split = {checks.shown(text)} is no text: sums over sites are written as text")
+    try:
+        _, bodies, rest, _ = _bodies(text, known, is_noise=False)
+        if rest != 0:
+            raise FormulaTextError("it is no sum of terms number * Sum(.., i), as a quadratic form of sites is")
+        return [d for body in bodies for d in _at_ends(body, _Whose(text, Number(), False, values), ends, count)]
+    except FormulaTextError as error:
+        raise InvalidArgumentError(f"split = {quoted(text)} cannot be used: {error}") from None
 
 
 def _components(given: Any, names: Names, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
