@@ -85,7 +85,7 @@ def measured(scene: str, setting: Setting) -> list[dict]:
 
     where, paths = brought.SCENES[scene], paths_of(scene)
     known = end(scene, allowed(scene, REFERENCES)[0], FINEST, paths)
-    found, runs, many = [], [], 1024 if where.dof < LATTICE else 256
+    found, runs, many = [], [], (1024 if where.dof < LATTICE else 256) // (8 if setting.quick else 1)
     for scheme in allowed(scene, SCHEMES):
         errors = {n: rms(end(scene, scheme, n, paths, refine=(FINEST // n).bit_length() - 1) - known) for n in COUNTS}
         found.append({"scene": scene, "package": "symsde", "scheme": scheme, "errors": errors})
@@ -98,7 +98,7 @@ def measured(scene: str, setting: Setting) -> list[dict]:
         run = partial(brought.loop(name, where), generator, where.q0, where.p0, where.horizon / STEPS, STEPS)
         run(1)
         runs.append((partial(run, many // 8), many // 8 * STEPS))
-    times = in_turn([run for run, _ in runs], max(3, setting.repeats))
+    times = in_turn([run for run, _ in runs], 1 if setting.quick else max(3, setting.repeats))
     for row, seconds, (_, size) in zip(found, times, runs, strict=True):
         row["ns"] = 1e9 * min(seconds) / size
         row["to"] = [steps_to(row["errors"], error) for error in ERRORS]

@@ -163,3 +163,16 @@ def test_law_of_a_run_beside_exact_moments():
     _, exact = known(np.eye(2), np.array([1.0, 2.0]), np.diag([0.8, 2.5]), np.diag([0.7, -0.4]), 1.0)
     found = ss.diagnose.exact_moments(model, q0=0.0, p0=0.0, t=1.0)
     np.testing.assert_allclose(found.covariance[0], exact, rtol=0, atol=1e-13)
+
+
+def test_a_damped_momentum_is_coloured_noise():
+    """docs/is-it-for-me.md: p_2 has the law of an Ornstein-Uhlenbeck process, and is a force on p_1."""
+    g, s = 2.0, 0.5
+    h = "p1**2/2 + q1**2/2 - q1*p2"
+    model = ss.model_from_sympy(h, noise=["-s*q2"], params={"s": s}, damping=[0.0, g])
+    found = ss.diagnose.exact_moments(model, q0=0.0, p0=[0.0, 0.3], t=[0.4, 3.0])
+    for i, t in enumerate((0.4, 3.0)):
+        decay = np.exp(-g * t)
+        turned = (g * np.cos(t) + np.sin(t) - g * decay) / (1 + g * g)  # int cos(t - r) exp(-g r) dr, r from 0 to t
+        np.testing.assert_allclose(found.mean[i, 2:], [0.3 * turned, 0.3 * decay], rtol=1e-12)
+        np.testing.assert_allclose(found.covariance[i, 3, 3], s * s * (1 - decay**2) / (2 * g), rtol=1e-12)
