@@ -73,7 +73,8 @@ contains
       real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero if absent
       !> The normal terms of areas drawn in law; without them areas are those of the parabola.
       real(wp), intent(in), optional :: rest(nlane, functional_count(path_areas, nnoise))
-      integer :: k, l, kl
+      real(wp) :: variance
+      integer :: k, l, kl, lane
 
       select case (functional)
       case (path_areas)
@@ -94,10 +95,10 @@ contains
          l = 0
          do kl = 1, size(x, 2)
             call asked%next_pair(kl, k, l)
-            ! The mean of J given dW and H.
-            x(:, kl) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
-            ! Subtract from the diagonal the variance of the path that H leaves open, so that E J = 0.
-            if (k == l) x(:, kl) = x(:, kl) - length*abs(length)/15
+            variance = open_variance(k, l, length)
+            do lane = 1, nlane
+               x(lane, kl) = magnus_shape(length, w(lane, k), w(lane, l), hh(lane, k), hh(lane, l), variance)
+            end do
          end do
       case (path_dz)
          x = length*(0.5_wp*w + hh)
@@ -105,6 +106,31 @@ contains
          x = ieee_value(length, ieee_quiet_nan)
       end select
    end subroutine shape_values
+
+   !> The mean of J_kl on an interval given dW and H of noises k and l, less a variance.
+   pure real(wp) function magnus_shape(length, wk, wl, hk, hl, variance) result(x)
+      real(wp), intent(in) :: length, wk, wl, hk, hl, variance
+
+      x = length*(wk*wl/6 - 1.2_wp*hk*hl)
+      x = x - variance
+   end function magnus_shape
+
+   !> The variance of the path that H leaves open, which is subtracted from the diagonal of J, so that E J = 0.
+   pure real(wp) function open_variance(k, l, length)
+      integer, intent(in) :: k, l
+      real(wp), intent(in) :: length
+
+      open_variance = 0
+      if (k == l) open_variance = length*abs(length)/15
+   end function open_variance
+
+   !> J_kl of two neighbours from J, dZ and dW of both, and the length of the right one; symmetrised in k and l: it
+   !> multiplies H_k,q . M^-1 H_l,q, which is symmetric.
+   pure real(wp) function magnus_of_two(x1, x2, h2, z1k, z1l, w1k, w1l, z2k, z2l, w2k, w2l) result(x)
+      real(wp), intent(in) :: x1, x2, h2, z1k, z1l, w1k, w1l, z2k, z2l, w2k, w2l
+
+      x = (x1 + x2) + 0.5_wp*(z1k*w2l + w1k*(h2*w2l - z2l) + z1l*w2k + w1l*(h2*w2k - z2k))
+   end function magnus_of_two
 
    !> D on an interval with dW, H and K, and with the normal term xi of each noise; without xi, that of the cubic.
    pure subroutine decay_values(nlane, nnoise, length, rate, w, hh, kk, x, xi)
@@ -175,7 +201,7 @@ contains
       end do
    end subroutine merge_intervals
 
-   !> J_kl of two neighbours, symmetrised in k and l: it multiplies H_k,q . M^-1 H_l,q, which is symmetric.
+   !> J_kl of two neighbours.
    pure subroutine merge_magnus(nlane, npair, asked, left, right, x)
       integer, intent(in) :: nlane, npair
       type(functional_set), intent(in) :: asked
@@ -190,9 +216,8 @@ contains
          do kl = 1, npair
             call asked%next_pair(kl, k, l)
             do lane = 1, nlane
-               x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
-                             + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
-                                       + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
+               x(lane, kl) = magnus_of_two(x1(lane, kl), x2(lane, kl), h2, z1(lane, k), z1(lane, l), w1(lane, k), &
+                                           w1(lane, l), z2(lane, k), z2(lane, l), w2(lane, k), w2(lane, l))
             end do
          end do
       end associate
@@ -234,28 +259,22 @@ contains
          real(wp) :: own(4), two(2), variance
          integer :: lane, i, j
 
-         variance = 0
-         if (k == l) variance = length*abs(length)/15
+         variance = open_variance(k, l, length)
          do lane = first, first + n - 1
             !GCC$ unroll 4
             do i = 1, 4
-               own(i) = length*(w(lane, k, i)*w(lane, l, i)/6 - 1.2_wp*hh(lane, k, i)*hh(lane, l, i))
-               own(i) = own(i) - variance
+               own(i) = magnus_shape(length, w(lane, k, i), w(lane, l, i), hh(lane, k, i), hh(lane, l, i), variance)
             end do
             !GCC$ unroll 2
             do i = 1, 2
                j = 2*i - 1
-               two(i) = (own(j) + own(j + 1)) &
-                        + 0.5_wp*(z(lane, k, j)*w(lane, l, j + 1) &
-                                  + w(lane, k, j)*(length*w(lane, l, j + 1) - z(lane, l, j + 1)) &
-                                  + z(lane, l, j)*w(lane, k, j + 1) &
-                                  + w(lane, l, j)*(length*w(lane, k, j + 1) - z(lane, k, j + 1)))
+               two(i) = magnus_of_two(own(j), own(j + 1), length, z(lane, k, j), z(lane, l, j), w(lane, k, j), &
+                                      w(lane, l, j), z(lane, k, j + 1), z(lane, l, j + 1), w(lane, k, j + 1), &
+                                      w(lane, l, j + 1))
             end do
-            x(lane) = (two(1) + two(2)) &
-                      + 0.5_wp*(zz(lane, k, 1)*halves(lane, l, 2) &
-                                + halves(lane, k, 1)*(2*length*halves(lane, l, 2) - zz(lane, l, 2)) &
-                                + zz(lane, l, 1)*halves(lane, k, 2) &
-                                + halves(lane, l, 1)*(2*length*halves(lane, k, 2) - zz(lane, k, 2)))
+            x(lane) = magnus_of_two(two(1), two(2), 2*length, zz(lane, k, 1), zz(lane, l, 1), halves(lane, k, 1), &
+                                    halves(lane, l, 1), zz(lane, k, 2), zz(lane, l, 2), halves(lane, k, 2), &
+                                    halves(lane, l, 2))
          end do
       end subroutine merge_pair
 
