@@ -32,7 +32,10 @@ contains
 
       self%nrow = ntime
       self%ncolumn = size(request%values)
-      self%in_order = all(request%values == [(j, j=1, self%ncolumn)])
+      self%in_order = .true.
+      do j = 1, self%ncolumn
+         self%in_order = self%in_order .and. request%values(j) == j
+      end do
    end subroutine new_mean_values_observer
 
    subroutine open_block(self)
