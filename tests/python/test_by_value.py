@@ -102,6 +102,40 @@ def test_columns_of_files(tmp_path, monkeypatch):
     assert command_line.main(["run", "scene.toml", "--out", "out", "--quiet"]) == command_line.BAD_INPUT
 
 
+def test_lists(tmp_path, monkeypatch):
+    """Takes lists row by row, beside columns of files, each row for as many paths."""
+    monkeypatch.chdir(tmp_path)
+    write("[1.0, 2.5]", "[0.1, 0.3]", paths=512)
+    assert command_line.main(["run", "scene.toml", "--out", "out", "--quiet"]) == 0
+    found = ss.open_run("out").moments.by_group
+    assert found.dims == ("value",)
+    require(found, 256, [(1.0, 0.1), (2.5, 0.3)])
+    (tmp_path / "values.csv").write_text("s\n0.1\n0.3\n")
+    write("[1, 2.5]", '{csv = "values.csv"}', paths=512)
+    assert command_line.main(["run", "scene.toml", "--out", "beside", "--quiet"]) == 0
+    assert np.array_equal(ss.open_run("beside").moments.by_group.mean_q, found.mean_q)
+
+
+def test_lists_of_paths(tmp_path, monkeypatch):
+    """A list with a number for each path goes path by path; values that are repeated have moments of their own."""
+    monkeypatch.chdir(tmp_path)
+    k = np.where(np.arange(512) < 256, 1.0, 2.5)
+    write(str(k.tolist()), "0.1", paths=512)
+    assert command_line.main(["run", "scene.toml", "--out", "out", "--quiet"]) == 0
+    found = ss.open_run("out").moments.by_group
+    assert found.dims == ("k",)
+    observers = {"x": ss.observe.Histogram("q_1", -3, 3)}
+    every = ss.model_from_sympy(H, noise=NOISE, params={"k": k, "s": 0.1})
+    one = ss.moments(every, paths=512, groups="k", observables={"r": "q**2"}, observers=observers, **RUN)
+    assert np.array_equal(found.mean_q, one.by_group.mean_q)
+    write(str(np.linspace(1.0, 2.0, 512).tolist()), "0.1", paths=512)
+    assert command_line.main(["run", "scene.toml", "--out", "each", "--quiet"]) == 0
+    moments = ss.open_run("each").moments
+    assert moments.by_group is None and not (tmp_path / "each" / "moments-by-value.csv").exists()
+    each = ss.model_from_sympy(H, noise=NOISE, params={"k": np.linspace(1.0, 2.0, 512), "s": 0.1})
+    assert np.array_equal(moments.mean_q, ss.moments(each, paths=512, observables={"r": "q**2"}, **RUN).mean_q)
+
+
 def test_few_paths_of_a_value(tmp_path, monkeypatch):
     """Gives moments by value where shards hold paths of several values, and values have paths in several shards."""
     monkeypatch.chdir(tmp_path)
@@ -145,7 +179,9 @@ def test_unfinished(tmp_path, monkeypatch):
         ('{csv = "values.csv", colum = "s"}', "give {csv"),
         ('{csv = "bare.csv", column = "s"}', "no names of columns"),
         ("{from = 1, to = 2}", "give a number, a list"),
-        ('{csv = "values.csv", column = "x"}', "columns of 2 and of 3 rows"),
+        ('{csv = "values.csv", column = "x"}', "k, s have 2 and 3 values"),
+        ("[1.0, 2.0]", "k, s have 2 and 3 values"),
+        ("[1.0, 2.0, 3.0, 4.0, 5.0]", "k, s have 3 and 5 values"),
     ],
 )
 def test_refusals(k, word, tmp_path, monkeypatch, capfd):

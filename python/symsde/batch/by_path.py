@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Values of parameters of a scene that differ from path to path: ranges, and columns of CSV files."""
+"""Values of parameters of a scene that differ from path to path: ranges, lists, and columns of CSV files."""
 
 from __future__ import annotations
 
@@ -11,32 +11,40 @@ import numpy as np
 
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..native import checks
-from ..run.groups import Grid, Groups, groups_of_points
+from ..run.groups import Grid, Groups, groups_of_points, groups_of_rows
 from ..run.states.table import read_table
 
 _NOT_PARAMETERS = {"name", "thermostat", "damping"}  #: keys of a built-in model beside its parameters
 
 
 def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[dict[str, Any], Groups | None]:
-    """The table [model] with values for each path in the place of {from = , to = , count = } and {csv = , column = }
-    of parameters, and the groups of paths with the same values; None if there are none.
+    """The table [model] with values for each path in the place of {from = , to = , count = }, {csv = , column = } and
+    lists of parameters, and the groups of paths with the same values; None if there are none.
 
-    Every value, or every combination of values (the last range fastest), gets the same number of paths. Columns of CSV
-    files go together, row by row.
+    Every value, or every combination of values (the last range fastest), gets the same number of paths. Lists and
+    columns of CSV files go together, row by row. A list with a number for each path stays as it is.
     """
     if "python" in table:
         return table, None
     where = "[model.params]" if "H" in table else "[model]"
     values = dict(table.get("params") or {}) if "H" in table else table
+    paths = run.get("paths", 1)
+    lists = {key: x for key, x in values.items() if _is_list(x) and key not in _NOT_PARAMETERS and "n" not in table}
     given = {key: x for key, x in values.items() if isinstance(x, dict) and key not in _NOT_PARAMETERS}
+    given |= {key: x for key, x in lists.items() if len(x) != paths}
     if not given:
-        return table, None
+        return table, _repeated(lists, paths)
+    given = {key: given[key] for key in values if key in given}
     try:
-        columns = {key: _column(file, key, x) for key, x in given.items() if "csv" in x}
-        ranges = {key: _range(key, x) for key, x in given.items() if "csv" not in x}
+        columns = {key: np.array(x, float) for key, x in given.items() if isinstance(x, list)}
+        columns |= {key: _column(file, key, x) for key, x in given.items() if "csv" in x and key not in columns}
+        ranges = {key: _range(key, x) for key, x in given.items() if key not in columns}
         rows = {len(x) for x in columns.values()}
         if len(rows) > 1:
-            raise InvalidArgumentError(f"{', '.join(columns)} have columns of {min(rows)} and of {max(rows)} rows")
+            raise InvalidArgumentError(
+                f"{', '.join(columns)} have {min(rows)} and {max(rows)} values, and columns and lists go together, row "
+                "by row: give as many of each"
+            )
     except SymsdeError as error:
         raise SceneError(f"{file}: {where}: {error}") from error
     axes = [np.arange(x) for x in rows] + list(ranges.values())
@@ -44,7 +52,7 @@ def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[
     points = {key: x[flat[0]] for key, x in columns.items()}
     points |= dict(zip(ranges, flat[len(rows) :], strict=True))
     points = {key: points[key] for key in given}
-    count, paths = flat[0].size, run.get("paths", 1)
+    count = flat[0].size
     if type(paths) is not int or paths < 1 or paths % count:
         raise SceneError(
             f"{file}: [run] paths = {checks.shown(paths)} is not a multiple of {count}, the number of values of "
@@ -57,6 +65,19 @@ def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[
     except SymsdeError as error:
         raise SceneError(f"{file}: {where}: {error}") from error
     return ({**table, "params": {**values, **made}} if "H" in table else {**table, **made}), groups
+
+
+def _is_list(given: object) -> bool:
+    """Whether this is a list of numbers."""
+    return isinstance(given, list) and bool(given) and all(type(x) in (int, float) for x in given)
+
+
+def _repeated(lists: Mapping[str, list], paths: object) -> Groups | None:
+    """The groups of paths with the same values in lists with a number for each path; None if no value is repeated."""
+    if not lists:
+        return None
+    groups = groups_of_rows({key: np.array(x, float) for key, x in lists.items()})
+    return groups if groups.grid.count < paths else None
 
 
 def _range(key: str, given: dict[str, Any]) -> np.ndarray:

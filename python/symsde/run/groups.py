@@ -164,7 +164,7 @@ def groups_of(given: object, model: Model, paths: int) -> Groups | None:
 def groups_by_parameters(model: Model, names: Iterable[str], paths: int) -> Groups:
     """Groups of paths with the same values of these parameters."""
     refuse_sites(model, names)
-    return _of_rows({name: np.broadcast_to(np.ravel(model.parameters[name]), paths) for name in names})
+    return groups_of_rows({name: np.broadcast_to(np.ravel(model.parameters[name]), paths) for name in names})
 
 
 def refuse_sites(model: Model, names: Iterable[str]) -> None:
@@ -177,7 +177,7 @@ def refuse_sites(model: Model, names: Iterable[str]) -> None:
             )
 
 
-def _of_rows(values: Mapping[str, np.ndarray]) -> Groups:
+def groups_of_rows(values: Mapping[str, np.ndarray]) -> Groups:
     """Groups of paths with the same values: a product if every combination has paths."""
     axes, places = {}, []
     for name, x in values.items():
