@@ -48,6 +48,7 @@ module symsde
    use symsde_model_catalogue_pendulum, only: pendulum_model, new_pendulum
    use symsde_model_catalogue_synchrotron, only: synchrotron_model, new_synchrotron
    use symsde_model_catalogue_by_name, only: get_model, model_names, parameter_names, parameter_defaults
+   use symsde_model_catalogue_by_path, only: get_model_by_path
    use symsde_model_kernels, only: kernel_model, kernel_offers
    use symsde_model_user_callback, only: callback_model, new_callback_model
    use symsde_model_views_thermostat, only: thermostat_model, new_thermostat
