@@ -45,10 +45,12 @@ def model(name: str, **values: float) -> ss.Model:
     return ss.model_from_sympy(H, noise, params={**PARAMS, **values})
 
 
+FURTHER = {name: emit_flow.CLOSED[len(schemes) == 1 :] for name, (*_, schemes) in MODELS.items()}  # of closed systems
 CASES = [(name, scheme) for name, (*_, schemes) in MODELS.items() for scheme in schemes]
+CLOSED = [*CASES, *((name, scheme) for name, schemes in FURTHER.items() for scheme in schemes)]
 
 
-@pytest.mark.parametrize(("name", "scheme"), CASES)
+@pytest.mark.parametrize(("name", "scheme"), CLOSED)
 def test_steps_are_those_of_the_general_stepper(name, scheme):
     """Generated steps equal the general stepper's to rounding after 37 steps of 85 paths; single paths, small blocks
     and single steps have the same bits.
@@ -226,6 +228,26 @@ def test_kicks_are_those_of_the_general_stepper(name, scheme, rate):
         np.testing.assert_array_equal(other.p[-1], whole.p[-1, :, first : first + paths])
 
 
+@pytest.mark.parametrize("name", [name for name, (*_, has_kicks) in KICKED.items() if has_kicks])
+def test_one_kick_between_drifts(name):
+    """The step of another scheme, by increments of three points; none where drifts turn by a quadratic part."""
+    mine, run = kicked(name), {**RUN, "scheme": "verlet_dkd_weak2", "steps": 37}
+    whole, plain = (ss.simulate(mine, **run, paths=20, general=g) for g in (False, True))
+    assert whole.report.stepper == "whole steps of verlet_dkd_weak2 by the model"
+    for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
+        np.testing.assert_allclose(x, y, rtol=0, atol=30 * np.spacing(np.abs(y).max()))
+    alone = ss.simulate(mine, **run, paths=1, first_path=19)
+    np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, 19])
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_one_kick_between_rotations_is_no_drift():
+    H, noise, _ = KICKED["well"]
+    split = ss.model_from_sympy(f"{H} + 2*q**2", noise, params=PARAMS, split="p**2/2 + 2*q**2")
+    steps = ss.simulate(split, **RUN, scheme="verlet_dkd_weak2", steps=3).report.stepper
+    assert steps == "kicks between flows of a quadratic part"
+
+
 @pytest.mark.parametrize("name", KICKED)
 def test_which_kicks_are_generated(name):
     """Not with noise in momenta, nor without noise."""
@@ -242,6 +264,12 @@ CHANGES = {  # of the text of kicks, by one per cent, and who has them
     ("FMA(law[6 + j], b", "FMA(1.01 * law[6 + j], b"): ("well", "chin4a", 8.0),
     ("s, 1 / 15.0, far", "s, 1 / 15.2, far"): ("two noises", "chin4a", 0.0),
     ("s, 1 / 12.0, far", "s, 1 / 12.1, far"): ("two noises", "verlet_kdk", 8.0),
+    ("kick(LANE_OF, s, 1, far);\n   return", "kick(LANE_OF, s, 1.01, far);\n   return"): (
+        "well",
+        "lobatto2_swapped",
+        0.0,
+    ),
+    ("FMA(0.5, v[k] + u[k]", "FMA(0.505, v[k] + u[k]"): ("angle", "heun", 0.0),
     ("-0.5 * dw", "-0.505 * dw"): ("angle", "gauss_dkdkd", 8.0),
     ("-f.leg[i] / z", "-1.01 * f.leg[i] / z"): ("angle", "gauss_dkdkd", 8.0),
     ("f.leg[i] = expm1", "f.leg[i] = 1.01 * expm1"): ("well", "verlet_kdk", 8.0),
@@ -291,9 +319,9 @@ def test_wrong_losses_are_refused(monkeypatch, name, change):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_what_is_generated(name):
-    schemes = MODELS[name][-1]
+    schemes = (*MODELS[name][-1], *FURTHER[name])
     mine = model(name)
-    assert tuple(s for s in ALL if f"formula_flow_{s}(" in mine.formula.source) == schemes
+    assert tuple(s for s in (*ALL, *emit_flow.CLOSED) if f"formula_flow_{s}(" in mine.formula.source) == schemes
 
 
 @pytest.mark.parametrize(
@@ -332,7 +360,7 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
             function = begin[1]
         elif line.startswith("   for (int i = 0; i < lanes;") and function:
             loops[function], function = number, ""
-    wanted = {f"{scheme}_in_lanes" for scheme in ALL[:3]}
+    wanted = {f"{scheme}_in_lanes" for scheme in (*ALL[:3], *emit_flow.CLOSED)}
     wanted |= {f"{scheme}_corrected_in_lanes" for scheme in CORRECTED.get(name, ((),))[-1]}
     passes = ("derivatives", "corrections")
     wanted |= (
@@ -371,7 +399,7 @@ def test_a_far_path_changes_no_other(scheme):
     np.testing.assert_array_equal(alone.p[:, :, 0], far.p[:, :, 7])
 
 
-@pytest.mark.parametrize("scheme", ALL)
+@pytest.mark.parametrize("scheme", (*ALL, *emit_flow.CLOSED))
 def test_angles_below_an_eighth_of_a_turn_alone(scheme):
     """A single path reduces small angles by a shorter way, with the bits of a block."""
     starts = np.array([[0.0, -0.0, 0.78, 0.7851, 0.7855, 0.82, -0.785, 2.0, 3e5]])
@@ -383,7 +411,7 @@ def test_angles_below_an_eighth_of_a_turn_alone(scheme):
         np.testing.assert_array_equal(alone.p[:, :, 0], block.p[:, :, i])
 
 
-FAR = [*(("one equation", scheme) for scheme in ALL), ("two angles", "gauss2")]
+FAR = [*(("one equation", scheme) for scheme in (*ALL, *emit_flow.CLOSED)), ("two angles", "gauss2")]
 
 
 @pytest.mark.parametrize(("name", "scheme"), FAR)

@@ -21,6 +21,8 @@ STRIP = 128  #: number of lanes whose states stay in the nearest cache
 KICKS = {"gauss_dkdkd": 2, "verlet_kdk": 2, "chin4a": 4}  #: schemes -> sums of noises in a step, those of kicks and V
 MAX_NOISES = 8  #: most noises of steps by kicks, whose weights are kept for a group of steps
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
+CLOSED = ("lobatto2_swapped", "heun")  #: further explicit schemes, whose steps are generated for closed systems alone
+SAME = {"verlet_dkd_weak2": "lobatto2_swapped"}  #: kicks between drifts -> the scheme with the same step
 CORRECTED = "_corrected"  #: suffix of the name of a corrected scheme of the Euler pair
 DAMPED = ", damped"  #: end of the library's name of steps whose momenta decay
 HEAD = """
@@ -72,12 +74,20 @@ def flows(made: Derivatives) -> list[str]:
     few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
     if not few or "t" in _leaves(made, BLOCKS):
         return []
-    schemes = [*EXPLICIT, *_corrected(made)] if separable else []
+    schemes = [*EXPLICIT, *CLOSED[:1], *_corrected(made)] if separable else []
     if separable or made.problem.ndof == 1:
         schemes.append("midpoint")
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
+    schemes += CLOSED[1:] if schemes else []
     return [*schemes, *(_kicks(made) if separable and not made.is_split else [])]
+
+
+def same_steps(made: Derivatives) -> dict[str, str]:
+    """Schemes of kicks between drifts -> the scheme whose generated steps are theirs; none where drifts are the flow of
+    a quadratic part."""
+    found = [] if made.is_split else flows(made)
+    return {scheme: other for scheme, other in SAME.items() if other in found}
 
 
 def source_of_kicks(made: Derivatives) -> tuple[str, list[str]]:
@@ -125,7 +135,7 @@ def _step_sizes(scheme: str, *, linear: bool = False) -> str:
     kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
     sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
     sizes += f"#define STEP_WIDTH {KICKS.get(scheme, 1)}\n"
-    sizes += f"#define STEP_GROUP {'(GROUP < 2 ? GROUP : 2)' if scheme == 'chin4a' else 'GROUP'}\n"
+    sizes += f"#define STEP_GROUP {'(GROUP < 2 ? GROUP : 2)' if scheme in ('chin4a', 'heun') else 'GROUP'}\n"
     sizes += f"#define STEP_WEIGH {'weigh_three' if scheme == 'chin4a' else 'weigh_two'}\n"
     sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
     return sizes + f"#define STEP_LINEAR {int(linear)}\n"
@@ -159,7 +169,7 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
 
     damped: steps of momenta damped by one rate.
     """
-    schemes = flows(made)
+    schemes = [scheme for scheme in flows(made) if not (damped and scheme in CLOSED)]
     if not schemes:
         return ""
     kept = _kept(made) if "stormer_verlet" in schemes else []

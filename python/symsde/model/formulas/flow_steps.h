@@ -73,4 +73,30 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    beyond |= places(LANE_OF, s, s->e, far);
    return beyond | fall(LANE_OF, s, 0.5, far);
 }
+
+/* half a drift, a kick, half a drift */
+INLINE lobatto2_swapped(LANE_IN, state *s, const int far) {
+   int64_t beyond = drift(LANE_OF, s, 0.5, far);
+   beyond |= kick(LANE_OF, s, 1, far);
+   return beyond | drift(LANE_OF, s, 0.5, far);
+}
+#endif
+
+/* the mean of the slopes at the state and at the end of an explicit step */
+#if !SPLIT
+INLINE heun(LANE_IN, state *s, const int far) {
+   state end = *s;
+   double f[DOF], v[DOF], g[DOF], u[DOF];
+   int64_t beyond = force(LANE_OF, s, f, far) | velocity(LANE_OF, s, v, far);
+   for (int k = 0; k < DOF; k++) {
+      end.q[k] += v[k];
+      end.p[k] -= f[k];
+   }
+   beyond |= force(LANE_OF, &end, g, far) | velocity(LANE_OF, &end, u, far);
+   for (int k = 0; k < DOF; k++) {
+      s->q[k] = FMA(0.5, v[k] + u[k], s->q[k]);
+      s->p[k] = FMA(-0.5, f[k] + g[k], s->p[k]);
+   }
+   return beyond;
+}
 #endif

@@ -381,7 +381,7 @@ def _decaying(code: Code) -> FormulaModel | None:
 
     They are a file of their own, since most models are closed and their compilation takes long.
     """
-    schemes = code.whole_steps if code.compiled else []
+    schemes = [x for x in code.whole_steps if x not in emit_flow.CLOSED] if code.compiled else []
     if code.decaying is None and schemes:
         made = code.derivatives
         compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
@@ -395,6 +395,7 @@ def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> Formula
     functions = {**formula_code.functions(code.compiled), "accepts_null": True, "any_lanes": True}
     flows = code.whole_steps
     found = {emit_flow.named(x): formula_code.address(code.compiled, f"formula_flow_{x}") for x in flows}
+    found |= {x: found[other] for x, other in (emit_flow.same_steps(code.derivatives) if flows else {}).items()}
     for scheme in emit_chain_flow.flows(code.chain) if code.chain else []:
         names = [emit_flow.named(scheme, damped=x) for x in (False, True)]
         found |= dict.fromkeys(names, formula_code.address(code.compiled, f"formula_flow_{scheme}"))
