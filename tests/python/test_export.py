@@ -71,6 +71,12 @@ SCENES = {
     'noise = ["s[a]*q[a]"]\nn = 12\nends = "periodic"\n[model.params]\n'
     f'b = {[0.1 + k/50 for k in range(12)]}\nr = 0.4\nK = {[1.5]*12}\ns = {[0.2 - k/100 for k in range(12)]}\n'
     + RUN.replace("q0 = 0.4", f"q0 = {[k/16 for k in range(12)]}"),
+    # kicks by functions of q beside a part that is found, and beside one by hand of sums over sites
+    "trap": '[model]\nH = "(p1**2+p2**2)/2 + W*(q2*p1-q1*p2) + W**2*(q1**2+q2**2)/2 + q1**4/4"\n'
+    'noise = ["s*sin(q1)", "s*q2"]\n[model.params]\nW = 1.5\ns = 0.3\n' + RUN + 'scheme = "chin4a"\n',
+    "stiff_chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(k*(q[i+2]-q[i])**2/2 + cos(q[i+1]-q[i]), i)"\n'
+    'noise = ["s*q[j]"]\nn = 6\nends = "fixed"\nsplit = "Sum(p[i]**2/2, i) + Sum(k*(q[i+2]-q[i])**2/2, i)"\n'
+    '[model.params]\nk = 90.0\ns = 0.2\n' + RUN + 'scheme = "gauss_dkdkd"\n',
     # brackets by third derivatives, since differences of gradients give other numbers
     "third": '[model]\nH = "(x**2+u**2)*(y**2+v**2)/8 + a*cos(x-y)*u"\nnoise = ["s*sin(x)*v", "s*y*u**2"]\n'
     'q = ["x", "y"]\np = ["u", "v"]\n[model.params]\na = 0.9\ns = 0.4\n' + RUN + 'scheme = "gauss2_strong32"\n',
