@@ -22,6 +22,7 @@ contains
       z = 0
       do j = 1, m
          do k = 1, n
+            if (abs(y(k, j)) <= 0) cycle  ! far from the diagonal of a band; NaN is added
             call add_times(n, y(k, j), x(:, k), z(:, j))
          end do
       end do
