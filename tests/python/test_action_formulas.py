@@ -104,6 +104,24 @@ def test_sums_over_sites_have_the_bits_of_their_terms():
     np.testing.assert_allclose(run(ring).q, run(alike).q, rtol=0, atol=1e-13)
 
 
+def test_energies_of_sites_may_be_left_to_kicks_by_hand():
+    """D is the hopping alone, then with one half of an energy; norms stay, and paths are those of the split found."""
+    found = lattice()
+    texts = found.formula.hamiltonians
+    hops = "-J*(" + " + ".join(f"q{k}*q{k % 5 + 1} + p{k}*p{k % 5 + 1}" for k in range(1, 6)) + ")"
+    for form, left in ((hops, np.zeros(5)), (f"{hops} + .1*(q1**2 + p1**2)", np.eye(5)[0] * 0.2)):
+        model = ss.model_from_sympy(texts[0], list(texts[1:]), params=found.parameters, split=form)
+        assert model.traits.turned
+        near = -0.7 * (np.roll(np.eye(5), 1, axis=0) + np.roll(np.eye(5), -1, axis=0))
+        np.testing.assert_allclose(model.traits.split, np.kron(np.eye(2), near + np.diag(left)), rtol=0, atol=1e-15)
+        kicked = run(model, step=1 / 512, steps=512)
+        norm = (kicked.q**2 + kicked.p**2).sum(axis=1)
+        assert np.abs(norm - norm[0]).max() < 2e-13
+        assert distance(kicked, run(found, step=1 / 512, steps=512)) < 2e-4
+    with pytest.raises(errors.InvalidArgumentError, match="depends on a momentum"):
+        ss.model_from_sympy(texts[0], list(texts[1:]), params=found.parameters, split=f"{hops} + q1**2")
+
+
 @pytest.mark.parametrize(
     ("nonlinear", "noise"),
     [

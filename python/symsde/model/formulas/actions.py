@@ -66,6 +66,14 @@ def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:
     return Part(len(second), tuple(entries)), ""
 
 
+def beside(prover: Prover, second: list[list[Any]]) -> bool:
+    """Whether H - z.S z/2 and every noise are proved to be functions of the actions."""
+    planes, noises = range(len(prover.q)), range(1, len(prover.hams))
+    return all(prover.vanishes(_turns(prover, k, 0, second)) for k in planes) and all(
+        prover.vanishes(_turns(prover, k, j)) for j in noises for k in planes
+    )
+
+
 def second_derivatives(prover: Prover) -> list[list[Any]] | None:
     """S of the quadratic part D of H by q and then by p, expressions of the parameters, where H - D is proved to be a
     function of the actions; None where that is not proved.

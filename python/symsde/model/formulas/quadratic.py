@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InvalidArgumentError
+from . import actions
 from .named_formulas import quoted
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:
 
 
 def given(prover: Prover, part: Any, text: str, function: Callable) -> Part:
-    """The quadratic part that a user gives as a formula D; H - D must be a function of q alone."""
+    """The quadratic part that a user gives as a formula D; H - D must be a function of q alone, or of the actions."""
     part = prover.sympy.sympify(part).xreplace(prover.special)
     q, p, real = prover.q, prover.p, prover._real
     zero = dict.fromkeys((*q, *p, prover.t), 0.0)
@@ -137,15 +138,18 @@ def given(prover: Prover, part: Any, text: str, function: Callable) -> Part:
             f"split = {quoted(text)} is no quadratic form with constant coefficients: give the terms of H of degree "
             "two in q and p whose flow shall be exact"
         )
-    for x in p:
-        left = prover.diff(0, x) - part.diff(x)
-        if not prover.vanishes(left):
-            raise InvalidArgumentError(
-                f"H = {quoted(prover.problem.texts[0])} without split = {quoted(text)} depends on a momentum: kicks do "
-                "not commute with it, so give all terms that hold momenta"
-            )
+    moving = next((x for x in p if not prover.vanishes(prover.diff(0, x) - part.diff(x))), None)
+    noisy = any(prover.diff(k, x) != 0 for k in range(1, len(prover.hams)) for x in p)
+    both = (*q, *p)
+    second = [[entries[x, y].subs(dict.fromkeys(zero, 0)) for y in both] for x in both]
+    kicks = "actions" if (moving is not None or noisy) and actions.beside(prover, second) else "positions"
+    if kicks == "positions" and moving is not None:
+        raise InvalidArgumentError(
+            f"H = {quoted(prover.problem.texts[0])} without split = {quoted(text)} depends on a momentum: kicks do "
+            "not commute with it, so give all terms that hold momenta"
+        )
 
     def matrix(one: list, other: list) -> list[list[_Number]]:
-        return [[function(entries[x, y].subs(dict.fromkeys(zero, 0)), zero, real) for y in other] for x in one]
+        return [[function(second[both.index(x)][both.index(y)], zero, real) for y in other] for x in one]
 
-    return Part(matrix(p, p), matrix(q, p), matrix(q, q), [])
+    return Part(matrix(p, p), matrix(q, p), matrix(q, q), [], kicks)
