@@ -16,6 +16,8 @@ from symsde.batch import scene
 from symsde.cli import command_line
 from symsde.errors import FalseTraitError, InvalidArgumentError, SceneError, WrongShapeError, WrongTypeError
 
+pytestmark = pytest.mark.optimised  # as in the processes that these tests start
+
 RUN = {"q0": [0.3, 0.2], "p0": [0.1, 0.0], "step": 0.05, "steps": 60, "save_every": 20, "paths": 1500, "seed": 3}
 FORMULAS = {
     "r^2": "q1**2 + q_2**2",
