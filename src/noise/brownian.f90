@@ -38,6 +38,7 @@ module symsde_noise_brownian
    use symsde_noise_levels, only: normals_of, sum_finer, halve_coarser, carry
    use symsde_noise_normal, only: normal_stream, scaled_normal_steps, pairs_of_steps
    use symsde_noise_philox, only: purpose_increment
+   use symsde_noise_quarters, only: are_quartered, fill_quarters
    use symsde_noise_source, only: noise_type
    implicit none
    private
@@ -234,6 +235,11 @@ contains
       ! Without truncation dZ and K are written into the store directly, as dW is.
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
          call fill_direct(draws, request, store, drawn)
+         return
+      end if
+      if (are_quartered(draws) .and. mod(request%pair, 2_i8) == 0 .and. .not. looks_ahead(self, request) .and. &
+          .not. self%bound < huge(1.0_wp)) then
+         call fill_quarters(draws, request, store, drawn)
          return
       end if
       ! Path by path, each with all its steps as lanes. At refine < 0 steps are halves of longer intervals, so the

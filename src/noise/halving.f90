@@ -6,7 +6,7 @@ module symsde_noise_halving
    use symsde_noise_decay_law, only: decay_direction
    implicit none
    private
-   public :: path_shape, halving_draws, halve
+   public :: path_shape, halving_draws, halve, split_shapes, split_third
 
    !> The known shape of the path on an interval: dW, H and, if asked for, K and xi (nlane, nnoise); and the rest of its
    !> areas if drawn in law (nlane, pairs of noises).
@@ -48,19 +48,50 @@ contains
       type(halving_draws), intent(in) :: u
       type(path_shape), intent(out) :: left, right
 
-      ! The second half is computed as the whole less the first, so that dW of both add up exactly.
-      left%w = 0.5_wp*whole%w + 1.5_wp*whole%hh + u%z
-      right%w = whole%w - left%w
-      left%hh = 0.25_wp*whole%hh - 0.5_wp*u%z
-      right%hh = left%hh - 0.5_wp*u%n
-      left%hh = left%hh + 0.5_wp*u%n
-      if (.not. allocated(whole%kk)) return
-      left%hh = left%hh + 3.75_wp*whole%kk
-      right%hh = right%hh - 3.75_wp*whole%kk
-      left%kk = 0.125_wp*whole%kk - 0.25_wp*u%n
-      right%kk = left%kk - 0.25_wp*u%d
-      left%kk = left%kk + 0.25_wp*u%d
+      associate (n => size(whole%w))
+         allocate (left%w, left%hh, right%w, right%hh, mold=whole%w)
+         call split_shapes(n, whole%w, whole%hh, u%z, u%n, left%w, right%w, left%hh, right%hh)
+         if (.not. allocated(whole%kk)) return
+         allocate (left%kk, right%kk, mold=whole%w)
+         call split_third(n, whole%kk, u%n, u%d, left%hh, right%hh, left%kk, right%kk)
+      end associate
    end subroutine split
+
+   !> VEC dW and H of the halves, from those of the whole, Z and N. The second half is computed as the whole less the
+   !> first, so that dW of both add up exactly.
+   pure subroutine split_shapes(n, w, hh, z, u, w1, w2, hh1, hh2)
+      integer, intent(in) :: n
+      real(wp), intent(in), dimension(n) :: w, hh, z, u
+      real(wp), intent(out), dimension(n) :: w1, w2, hh1, hh2
+      real(wp) :: mean
+      integer :: i
+
+      do i = 1, n
+         w1(i) = 0.5_wp*w(i) + 1.5_wp*hh(i) + z(i)
+         w2(i) = w(i) - w1(i)
+         mean = 0.25_wp*hh(i) - 0.5_wp*z(i)
+         hh1(i) = mean + 0.5_wp*u(i)
+         hh2(i) = mean - 0.5_wp*u(i)
+      end do
+   end subroutine split_shapes
+
+   !> VEC Add to H of the halves its part of K, and find K of the halves; u is M.
+   pure subroutine split_third(n, kk, u, d, hh1, hh2, kk1, kk2)
+      integer, intent(in) :: n
+      real(wp), intent(in), dimension(n) :: kk, u, d
+      real(wp), intent(inout), dimension(n) :: hh1, hh2
+      real(wp), intent(out), dimension(n) :: kk1, kk2
+      real(wp) :: mean
+      integer :: i
+
+      do i = 1, n
+         hh1(i) = hh1(i) + 3.75_wp*kk(i)
+         hh2(i) = hh2(i) - 3.75_wp*kk(i)
+         mean = 0.125_wp*kk(i) - 0.25_wp*u(i)
+         kk1(i) = mean + 0.25_wp*d(i)
+         kk2(i) = mean - 0.25_wp*d(i)
+      end do
+   end subroutine split_third
 
    !> Move the normals of a halving so that their part along the direction of xi is xi.
    pure subroutine turn(n, length, z, xi, zz, mm, dd, xi_1, xi_2)
