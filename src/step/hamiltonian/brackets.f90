@@ -37,6 +37,7 @@ module symsde_step_hamiltonian_brackets
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
@@ -57,15 +58,18 @@ module symsde_step_hamiltonian_brackets
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
       !> The model, if it gives the squares of all noises at one pass and several noises meet
       class(kernel_model), pointer :: squares => null()
+      logical, private :: together = .false.      !! single and nested brackets of `simple` by the same calls
+      logical, private :: begun = .false.         !! whether callers call `begin` before the evaluations of a step
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
       real(wp), allocatable, private :: nested(:, :)       !! weights of F/h in the nested brackets (nlane, 0:nnoise)
       real(wp), allocatable, private :: g(:, :)            !! weights of a sum (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :), private :: bq, bp, sq, sp, xp  !! (nlane, ndof)
-      real(wp), allocatable, private :: still(:, :)        !! zeros (nlane, ndof)
       type(algebra_work), private :: work
    contains
+      procedure :: begin
       procedure :: add_gradient
+      procedure :: find_beside
    end type modified_hamiltonian
 
 contains
@@ -104,6 +108,8 @@ contains
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       offers = offers_of(model)
       if (self%simple .and. self%colours%n > 1 .and. offers%squares) self%squares => kernels_of(model)
+      self%together = self%simple .and. self%active%single .and. self%active%nested .and. &
+                      .not. associated(self%squares)
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
       ! The single bracket has a term for every noise that changes in time. The bracket {H_k(t_1),H_k(t_0)} is zero
       ! for noise in position, and has no gradient for additive noise.
@@ -112,7 +118,6 @@ contains
          allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
          self%nested(:, 0) = 1
          allocate (self%bq(nlane, n), self%bp(nlane, n), self%sq(nlane, n), self%sp(nlane, n), self%xp(nlane, n))
-         allocate (self%still(nlane, n), source=0.0_wp)
          call new_algebra_work(self%work, nlane, n, m)
       end associate
    end subroutine new_modified_hamiltonian
@@ -133,21 +138,57 @@ contains
 
       whole = .true.
       if (present(rest)) whole = .not. rest
-      ! The single bracket of `simple` writes into sq and sp, unless it has no part in q.
+      ! The brackets of `simple` write into sq and sp, unless they have no part in q.
       direct = self%simple .and. whole .and. self%active%single
       if (.not. direct .or. self%model%traits%additive) self%sq = 0
       if (.not. direct) self%sp = 0
       ! The weights c_k of single brackets come first: add_motion computes its weights from them.
-      call find_single_weights(self, step)
-      if (whole .and. self%active%single) call add_single(self, t, q, p)
+      if (.not. self%begun) call find_weights(self, step)
+      if (whole .and. self%together) then
+         call self%find_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, self%sq, self%sp)
+      else if (whole .and. self%active%single) then
+         call add_single(self, t, q, p)
+      end if
       if (whole .and. self%active%areas) call add_areas(self, t, step, q, p)
-      if (self%active%nested .and. (whole .or. .not. has_exact_bracket(self%model%traits))) &
-         call add_nested(self, t, step, q, p)
+      if (self%active%nested .and. .not. (whole .and. self%together) .and. &
+          (whole .or. .not. has_exact_bracket(self%model%traits))) call add_nested(self, t, step, q, p)
       if (self%time_dependent) call add_motion(self, step, q, p)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
       call count_up(self, counters, nreal)
    end subroutine add_gradient
+
+   !> Find the weights of the step that the next evaluations belong to. Callers that never call this have them found at
+   !> every evaluation.
+   subroutine begin(self, step)
+      class(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
+
+      self%begun = .true.
+      call find_weights(self, step)
+   end subroutine begin
+
+   !> Add the gradient of all active parts in q to hq, and store that in p in hp.
+   subroutine find_beside(self, t, step, q, p, hq, hp, counters, nreal)
+      class(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout) :: hq(self%nlane, self%ndof)
+      real(wp), intent(out) :: hp(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      if (.not. self%together .or. self%time_dependent) then
+         hp = 0
+         call self%add_gradient(t, step, q, p, hq, hp, counters, nreal)
+         return
+      end if
+      if (.not. self%begun) call find_weights(self, step)
+      call self%find_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, self%sq, hp)
+      call add_times(size(hq), 1.0_wp, self%sq, hq)
+      call count_up(self, counters, nreal)
+   end subroutine find_beside
 
    !> Count the calls of the model since the last count, for nreal paths; padding does not count.
    subroutine count_up(self, counters, nreal)
@@ -184,12 +225,13 @@ contains
    !> The weights c_k = h dW_k/2 - dZ_k of the single brackets (nlane, 1:nnoise), zero if these are not active. dZ_k is
    !> the integral of W_k - W_k(t_n) over the step, so c_k/h is the mean of a straight line to dW_k minus the mean of
    !> the path.
-   subroutine find_single_weights(self, step)
-      type(modified_hamiltonian), intent(inout) :: self
+   subroutine find_weights(self, step)
+      class(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
 
       if (self%active%single) call single_weights(self%nlane, self%nnoise, step%h, step%w, step%of(path_dz)%x, self%c)
-   end subroutine find_single_weights
+      if (self%together .and. self%colours%n == 1) call self%spread(1, self%c)
+   end subroutine find_weights
 
    !> VEC c_k = h dW_k/2 - dZ_k of every noise; c_0 stays zero.
    pure subroutine single_weights(nlane, nnoise, h, w, z, c)

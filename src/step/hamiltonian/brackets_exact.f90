@@ -32,10 +32,14 @@ module symsde_step_hamiltonian_brackets_exact
       integer :: ngradient = 0, nproduct = 0  !! calls of the model per path since the last count
       real(wp), allocatable :: f(:, :)    !! weights of one noise or of a colour (nlane, 0:nnoise)
       integer :: shown = 0                !! the colour in f; 0 = none
+      real(wp), allocatable :: still(:, :)  !! zeros (nlane, ndof)
+      real(wp), allocatable :: own(:, :)    !! the weight of the noise of a colour that touches (nlane, ndof)
       real(wp), allocatable, dimension(:, :) :: uq, up, vq, vp, rq, rp, yq, yp, gq, gp, xq  !! (nlane, ndof)
    contains
       procedure :: sort
       procedure :: add_exact
+      procedure :: find_position_brackets
+      procedure :: spread
       procedure :: add_product
       procedure :: add_transposed
       procedure :: field_of_colour
@@ -67,6 +71,7 @@ contains
       if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
       allocate (self%f(nlane, 0:self%nnoise), source=0.0_wp)
       associate (n => self%ndof)
+         allocate (self%still(nlane, n), self%own(nlane, n), source=0.0_wp)
          allocate (self%uq(nlane, n), self%up(nlane, n), self%vq(nlane, n), self%vp(nlane, n), self%xq(nlane, n))
          allocate (self%rq(nlane, n), self%rp(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
          allocate (self%gq(nlane, n), self%gp(nlane, n))
@@ -129,6 +134,82 @@ contains
       end do
       if (.not. additive) call self%add_transposed(t, weights, self%yq, self%yp, q, p, hq, hp)
    end subroutine add_exact
+
+   !> (hq, hp) = the gradient of single and nested brackets of noises in position with H = p.p/2 + U(q),
+   !> sum_k c_k H_k,q.p + (e/2) H_k,q.H_k,q with e = h|h|/6. No two noises of a colour touch one degree of freedom, so
+   !> that each degree of freedom i has one c_i in a colour: with F the sum of these noises
+   !>
+   !>    (Hess F (c_i p_i + e F_i), c_i F_i)      is summed over colours,
+   !>
+   !> by one gradient and one product for each.
+   subroutine find_position_brackets(self, c, is_spread, t, h, q, p, hq, hp)
+      class(exact_bracket), intent(inout) :: self
+      real(wp), intent(in) :: c(self%nlane, 0:self%nnoise)
+      logical, intent(in) :: is_spread   !! whether `spread` has been called for the only colour
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
+      real(wp), intent(out), dimension(self%nlane, self%ndof) :: hq, hp
+      integer :: colour
+
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise, e => h*abs(h)/6)
+         if (self%colours%n == 0) hq = 0
+         if (self%colours%n == 0) hp = 0
+         do colour = 1, self%colours%n
+            if (.not. is_spread) call self%spread(colour, c)
+            call self%show_colour(colour)
+            call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
+            if (colour == 1) then
+               call weigh(n*d, e, self%own, p, self%vq, self%rq, hp)
+               call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%rq, self%still, hq, self%gp)
+            else
+               call weigh(n*d, e, self%own, p, self%vq, self%rq, self%rp)
+               call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%rq, self%still, self%gq, self%gp)
+               hq = hq + self%gq
+               hp = hp + self%rp
+            end if
+         end do
+      end associate
+      self%ngradient = self%ngradient + self%colours%n
+      self%nproduct = self%nproduct + self%colours%n
+   end subroutine find_position_brackets
+
+   !> own = c_i of the degrees of freedom that noises of a colour touch, and zero in all others.
+   subroutine spread(self, colour, c)
+      class(exact_bracket), intent(inout) :: self
+      integer, intent(in) :: colour
+      real(wp), intent(in) :: c(self%nlane, 0:self%nnoise)
+      integer :: i, j
+
+      self%own = 0
+      associate (touches => self%model%traits%touches, colours => self%colours)
+         do i = colours%from(colour) + 1, colours%from(colour + 1)
+            associate (k => colours%noise(i))
+               if (touches%are_given()) then
+                  do j = touches%from(k) + 1, touches%from(k + 1)
+                     self%own(:, touches%dof(j)) = c(:, k)
+                  end do
+               else
+                  do j = 1, self%ndof
+                     self%own(:, j) = c(:, k)
+                  end do
+               end if
+            end associate
+         end do
+      end associate
+   end subroutine spread
+
+   !> VEC r = c p + e v and s = c v. Parentheses allow only the first product to be contracted.
+   pure subroutine weigh(n, e, c, p, v, r, s)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: e, c(n), p(n), v(n)
+      real(wp), intent(out) :: r(n), s(n)
+      integer :: i
+
+      do i = 1, n
+         r(i) = c(i)*p(i) + (e*v(i))
+         s(i) = c(i)*v(i)
+      end do
+   end subroutine weigh
 
    !> Add c S'''[a,v], where S is the sum with weights w, a is a field of the caller, and v the field of the current
    !> noise.
