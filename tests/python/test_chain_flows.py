@@ -22,6 +22,8 @@ CHAINS = {  # potential, noises, ends, sites
     "angles": ("Sum(1 - cos(q[i]) + a*(q[i+1]-q[i])**2/2, i)", ["b*cos(q[k])", "b*sin(q[k])"], "fixed", 9),
 }
 SCHEMES = (*emit_chain_flow.TABLEAUX, *emit_chain_flow.KICKS)
+DRAWN = ("phi4", "springs")  # with one noise at each site, nonlinear and linear
+OF_CHAINS = [(x, s) for x in (*CHAINS, "built in") for s in (*SCHEMES, *(emit_chain_flow.DRAWN if x in DRAWN else ()))]
 RUN = {"p0": 0.3, "step": 0.05, "steps": 9, "seed": 3, "correction": "none"}
 
 
@@ -33,8 +35,7 @@ def chain(name: str) -> ss.Model:
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.8])
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("name", [*CHAINS, "built in"])
+@pytest.mark.parametrize(("name", "scheme"), OF_CHAINS)
 def test_steps_are_those_of_the_general_stepper(name, scheme, rate):
     """Nine steps of 21 paths agree to rounding; a path alone, narrow blocks and other saves have the same bits."""
     model = chain(name).damped(rate)
@@ -85,3 +86,19 @@ def test_other_chains_go_other_ways(noise, n, schemes):
     assert tuple(emit_chain_flow.flows(model._chain)) == tuple(schemes)
     run = ss.simulate(model, **RUN, q0=0.3, scheme="chin4a")
     assert not run.report.stepper.startswith("whole steps")
+
+
+@pytest.mark.parametrize("name", [x for x in CHAINS if x not in DRAWN])
+def test_pairs_of_noises_are_left_to_the_library(name):
+    """J of several noises at a site, or of a noise at all sites, has a column for each pair that meets."""
+    run = ss.simulate(chain(name), **RUN, q0=0.3, scheme="gauss_dkdkd_strong2")
+    assert not run.report.stepper.startswith("whole steps")
+
+
+@pytest.mark.parametrize("scheme", ["verlet_kdk", "verlet_kdk_strong2"])
+def test_flows_of_a_quadratic_part_take_the_place_of_drifts(scheme):
+    """Whole steps of kicks have drifts by p alone, and are not offered where a part of H is split off."""
+    form = f"{FREE} + Sum((q[i+1]-q[i])**2/2, i)"
+    model = ss.model_from_sympy(f"{form} + Sum(q[i]**4/4, i)", "0.3*q[k]**2", n=4, split=form)
+    run = ss.simulate(model, **RUN, q0=0.3, scheme=scheme)
+    assert run.report.stepper == "kicks between flows of a quadratic part"

@@ -20,6 +20,7 @@ from .sites import Chain
 MOST_SITES = 512  #: most sites of a chain whose states stay near: MOST_SITES of flow_chain.h
 TABLEAUX = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 KICKS = ("verlet_kdk", "gauss_dkdkd", "chin4a")
+DRAWN = tuple(f"{scheme}_strong2" for scheme in KICKS)  #: the same with J, for one noise at each site or constant noise
 ARGUMENTS = "const double *v, const double x, const double y{more}, const double *restrict c"
 RESULTS = "double *own, double *handed, const int far, int64_t *beyond"
 
@@ -28,12 +29,13 @@ def flows(chain: Chain) -> list[str]:
     """The schemes of which whole steps are used."""
     if chain.n > MOST_SITES:
         return []
-    return [x for x in _schemes(chain) if chain.part is None or x not in KICKS]  # whose drifts are other ones
+    return [x for x in _schemes(chain) if chain.part is None or x in TABLEAUX]  # drifts between kicks are other ones
 
 
 def _schemes(chain: Chain) -> list[str]:
     """The schemes whose steps are generated, whatever the number of sites. Noises with second derivatives have to touch
-    one site each, for kicks with products of their gradients."""
+    one site each, for kicks with products of their gradients, and for those with J be one at each site and no other
+    noise."""
     if not has_rows(chain) or not chain.nnoise or chain.kinked:
         return []
     terms, made = together(chain, chain.densities)
@@ -42,7 +44,10 @@ def _schemes(chain: Chain) -> list[str]:
     bent = [h for term, h in zip(terms, made.hamiltonians, strict=True) if not term.weight.is_drift and not term.family]
     q = [made.symbol[x] for x in ("q0", "q1")]
     local = not any(h.diff(x, y) != 0 for h in bent for x in q for y in q)
-    return [*TABLEAUX, *(KICKS if local else ("gauss_dkdkd",))]
+    if not local:
+        return [*TABLEAUX, "gauss_dkdkd"]
+    own = [term.family for term in terms if not term.weight.is_drift] == [True]
+    return [*TABLEAUX, *KICKS, *(DRAWN if own or not _bend(terms, made) else ())]
 
 
 def source(chain: Chain) -> str:

@@ -9,24 +9,26 @@
  *    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,   a_k = dZ_k/h - dW_k/2
  *    V = h H + sum_k (dW_k + zeta K_k) H_k
  *
- * of which each noise with a second derivative touches one site (MEAN). A drift moves q by reach h p, then momenta lose a
+ * of which each noise with a second derivative touches one site (MEAN). Where J is drawn (samples), and each site has one
+ * noise, D_kk takes the place of h |h|: h (sum_i<j (c_j - c_i) w_ik w_jk - 2 kappa v_k^2) - J_kk, kappa = sum_i kappa_i. A drift moves q by reach h p, then momenta lose a
  * part; damped, as flow_fade.h says. Generated before this text: row_force, row_product and row_bend of a row and the next
  * one, or of the last one by itself (CLOSED is 0), weights v of the TERMS, column of each. */
 
 #include <string.h>
 enum { LANES_OF_STRIP = 8, MOST_SITES = 512, DAMPED_STEP = 5 };
 enum { BY_W, BY_Z, BY_K }; /* functionals that weigh kicks: dW; dZ, too; K, too */
-enum { SLOPE, PRODUCT, KICK, KICK_MORE };
+enum { SLOPE, PRODUCT, KICK, KICK_MORE, KICK_DRAWN };
 #define SITE(i) ((i) * (ptrdiff_t)lanes)
 
 typedef struct {
    int kicks, uses;
-   double c[3], b[3], beta[3], gamma[3], eta[3], kappa[3], mean[3], zeta;
+   double c[3], b[3], beta[3], gamma[3], eta[3], kappa[3], mean[3], zeta; /* mean: parts of D_kk where it is drawn */
+   int samples;
 } splitting;
 
-/* What a step is given: its weights, dZ and K of one strip, whose columns are n apart. */
+/* What a step is given: its weights, dZ, K and J of one strip, whose columns are n apart. */
 typedef struct {
-   const double *w, *z, *k;
+   const double *w, *z, *k, *j;
    double h, inverse;
    ptrdiff_t n;
 } given;
@@ -47,6 +49,16 @@ static const splitting of_gauss_dkdkd = {.kicks = 2, .uses = BY_Z, .c = {0.21132
 static const splitting of_chin4a = {.kicks = 3, .uses = BY_K, .c = {0, 0.5, 1}, .b = {1 / 6.0, 2 / 3.0, 1 / 6.0},
                                     .beta = {1 / 6.0, 2 / 3.0, 1 / 6.0}, .gamma = {1, 0, -1}, .eta = {4, -8, 4},
                                     .kappa = {0, -1 / 72.0, 0}, .mean = {0, 1 / 15.0, 0}, .zeta = -12};
+static const splitting of_verlet_kdk_strong2 = {.kicks = 2, .uses = BY_Z, .samples = 1, .c = {0, 1}, .b = {0.5, 0.5},
+                                                .beta = {0.5, 0.5}, .gamma = {1, -1}, .mean = {0.5, 0.5}};
+static const splitting of_gauss_dkdkd_strong2 = {.kicks = 2, .uses = BY_Z, .samples = 1,
+                                                 .c = {0.21132486540518711, 0.78867513459481287}, .b = {0.5, 0.5},
+                                                 .beta = {0.5, 0.5}, .gamma = {1.7320508075688772, -1.7320508075688772},
+                                                 .mean = {0.5, 0.5}};
+static const splitting of_chin4a_strong2 = {
+   .kicks = 3, .uses = BY_K, .samples = 1, .c = {0, 0.5, 1}, .b = {1 / 6.0, 2 / 3.0, 1 / 6.0},
+   .beta = {1 / 6.0, 2 / 3.0, 1 / 6.0}, .gamma = {1, 0, -1}, .eta = {4, -8, 4}, .kappa = {0, -1 / 72.0, 0},
+   .mean = {0, 1, 0}, .zeta = -12};
 
 /* The weights of the terms in one lane of a row. */
 LANE void weights_of(const int uses, const given g, const kick_of k, const ptrdiff_t row, const ptrdiff_t sites,
@@ -66,6 +78,26 @@ LANE void weights_of(const int uses, const given g, const kick_of k, const ptrdi
    }
 }
 
+/* D_kk of all rows of a strip, each with one noise. */
+LANE void draw_second(const int lanes, const int uses, const splitting *of, const given g, const kick_of *kicks,
+                      const kick_of all, const ptrdiff_t sites, double *restrict d) {
+   const double kappa = of->kappa[0] + of->kappa[1] + of->kappa[2];
+   for (ptrdiff_t row = 0; row < sites; row++)
+#pragma GCC ivdep
+      for (int i = 0; i < lanes; i++) {
+         double w[3], sum = 0;
+         const double dw = g.w[(row + 1) * g.n + i], a = FMA(g.z[row * g.n + i], g.inverse, -0.5 * dw);
+         const double k = uses >= BY_K ? g.k[row * g.n + i] : 0, v = FMA(all.eta, k, dw);
+         for (int j = 0; j < 3; j++)
+            w[j] = j < of->kicks ? FMA(kicks[j].eta, k, FMA(kicks[j].gamma, a, kicks[j].beta * dw)) : 0;
+         sum = FMA(of->c[1] - of->c[0], w[0] * w[1], sum);
+         sum = FMA(of->c[2] - of->c[0], w[0] * w[2], sum);
+         sum = FMA(of->c[2] - of->c[1], w[1] * w[2], sum);
+         sum = FMA(-2 * kappa, v * v, sum);
+         d[SITE(row) + i] = FMA(g.h, sum, -g.j[row * g.n + i]);
+      }
+}
+
 /* What a row receives by itself, and what it hands on to the next one: forces, or products with s. */
 LANE void row_of(const int what, const int alone, const double *v, const double x, const double y, const double s,
                  const double r, const double *restrict c, double *own, double *handed, const int far,
@@ -77,27 +109,28 @@ LANE void row_of(const int what, const int alone, const double *v, const double 
 }
 
 /* The end of a row: the force f on x and y is kept in `to`, or kicks p and moves q. */
-LANE void settle(const int what, const double f, const double x, const double more, const kick_of k,
-                 const double *restrict c, double *q, double *p, double *to, const int far, int64_t *beyond) {
+LANE void settle(const int what, const double f, const double x, const double more, const double drawn,
+                 const kick_of k, const double *restrict c, double *q, double *p, double *to, const int far, int64_t *beyond) {
    if (what < KICK) {
       *to = f;
       return;
    }
    double push = f;
-   if (what == KICK_MORE) {
+   if (what >= KICK_MORE) {
       push = FMA(k.more, more, push);
 #if MEAN
-      push = FMA(k.mean, row_bend(x, c, far, beyond), push);
+      push = FMA(what == KICK_DRAWN ? k.mean * drawn : k.mean, row_bend(x, c, far, beyond), push);
 #endif
    }
    *p -= push;
    *q = FMA(k.reach, *p, x);
 }
 
-/* All rows of a strip. s: the vector of products; more: products that a kick adds; to: where forces are kept. */
+/* All rows of a strip. s: the vector of products; more: products that a kick adds; drawn: D_kk; to: where forces are
+ * kept. */
 INLINE sweep(const int what, const int lanes, const int uses, const given g, const kick_of k, const ptrdiff_t sites,
              const double *restrict c, double *restrict q, double *restrict p, const double *restrict s,
-             const double *restrict more, double *restrict to, const int far) {
+             const double *restrict more, const double *restrict drawn, double *restrict to, const int far) {
    enum { MOST = LANES_OF_STRIP > TILE + 1 ? LANES_OF_STRIP : TILE + 1 };
    double handed[MOST], own[MOST], first[LANES_OF_STRIP], start[LANES_OF_STRIP], v[TERMS], none;
    int64_t beyond = 0;
@@ -124,8 +157,8 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
             const double x = q[at + i];
             row_of(what, 0, v, x, q[at + lanes + i], what == PRODUCT ? s[at + i] : 0,
                    what == PRODUCT ? s[at + lanes + i] : 0, c, &mine, &next, far, &beyond);
-            settle(what, handed[i] + mine, x, what == KICK_MORE ? more[at + i] : 0, k, c, &q[at + i], &p[at + i],
-                   &to[at + i], far, &beyond);
+            settle(what, handed[i] + mine, x, what >= KICK_MORE ? more[at + i] : 0,
+                   what == KICK_DRAWN ? drawn[at + i] : 0, k, c, &q[at + i], &p[at + i], &to[at + i], far, &beyond);
             handed[i] = next;
          }
       }
@@ -142,8 +175,8 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
 #pragma GCC ivdep
          for (int i = 0; i < some; i++) {
             const ptrdiff_t row = tile + i;
-            settle(what, handed[i] + own[i], q[row], what == KICK_MORE ? more[row] : 0, k, c, &q[row], &p[row],
-                   &to[row], far, &beyond);
+            settle(what, handed[i] + own[i], q[row], what >= KICK_MORE ? more[row] : 0,
+                   what == KICK_DRAWN ? drawn[row] : 0, k, c, &q[row], &p[row], &to[row], far, &beyond);
          }
          handed[0] = handed[some];
       }
@@ -154,8 +187,8 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
       weights_of(uses, g, k, sites - 1, sites, i, v);
       const double x = q[end + i];
       row_of(what, !CLOSED, v, x, first[i], what == PRODUCT ? s[end + i] : 0, start[i], c, &mine, &none, far, &beyond);
-      settle(what, handed[i] + mine, x, what == KICK_MORE ? more[end + i] : 0, k, c, &q[end + i], &p[end + i],
-             &to[end + i], far, &beyond);
+      settle(what, handed[i] + mine, x, what >= KICK_MORE ? more[end + i] : 0, what == KICK_DRAWN ? drawn[end + i] : 0, k,
+             c, &q[end + i], &p[end + i], &to[end + i], far, &beyond);
    }
    return beyond;
 }
@@ -173,7 +206,7 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
                 double *restrict p, const int far) {
    double c[VALUES + 1]; /* a copy that no state may alias */
    memcpy(c, parameters, VALUES * sizeof(double));
-   double s[MOST_SITES * LANES_OF_STRIP], more[MOST_SITES * LANES_OF_STRIP];
+   double s[MOST_SITES * LANES_OF_STRIP], more[MOST_SITES * LANES_OF_STRIP], drawn[MOST_SITES * LANES_OF_STRIP];
    const ptrdiff_t count = SITE(sites);
    const double h = g.h, z = damped ? damped[0] : 0, lead = of->c[0];
    const int tableau = of->uses == BY_W;
@@ -182,7 +215,7 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
    for (int i = 0; i < of->kicks; i++) {
       const double leg = (i + 1 < of->kicks ? of->c[i + 1] : 1) - of->c[i];
       kicks[i] = (kick_of){.b = of->b[i], .beta = of->beta[i], .gamma = of->gamma[i], .eta = of->eta[i],
-                           .mean = of->mean[i] * h * fabs(h), .more = 2 * of->kappa[i] * h, .reach = leg * h};
+                           .mean = of->samples ? of->mean[i] : of->mean[i] * h * fabs(h), .more = 2 * of->kappa[i] * h, .reach = leg * h};
       if (damped) { /* a tableau of two stages drifts by the mean of momenta before and after the loss */
          kicks[i].loss = expm1(-leg * z);
          if (tableau && of->kicks > 1)
@@ -203,24 +236,29 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
          add_part(count, reach, p, q);
       if (damped && !tableau && lead > 0)
          add_part(count, early, p, p);
+      if (MEAN && uses != BY_W && of->samples)
+         draw_second(lanes, uses, of, g, kicks, all, sites, drawn);
       for (int i = 0; i < of->kicks; i++) {
          const kick_of k = kicks[i];
          const int products = uses == BY_K && k.more != 0, mean = MEAN && uses != BY_W && k.mean != 0;
          if (products) {
-            beyond |= sweep(SLOPE, lanes, uses, g, all, sites, c, q, p, more, more, s, far);
-            beyond |= sweep(PRODUCT, lanes, uses, g, all, sites, c, q, p, s, s, more, far);
+            beyond |= sweep(SLOPE, lanes, uses, g, all, sites, c, q, p, more, more, more, s, far);
+            beyond |= sweep(PRODUCT, lanes, uses, g, all, sites, c, q, p, s, s, s, more, far);
          } else if (mean)
             memset(more, 0, (size_t)count * sizeof(double));
-         if (products || mean)
-            beyond |= sweep(KICK_MORE, lanes, uses, g, k, sites, c, q, p, more, more, s, far);
+         if (mean && of->samples)
+            beyond |= sweep(KICK_DRAWN, lanes, uses, g, k, sites, c, q, p, more, more, drawn, s, far);
+         else if (products || mean)
+            beyond |= sweep(KICK_MORE, lanes, uses, g, k, sites, c, q, p, more, more, more, s, far);
          else
-            beyond |= sweep(KICK, lanes, uses, g, k, sites, c, q, p, more, more, s, far);
+            beyond |= sweep(KICK, lanes, uses, g, k, sites, c, q, p, more, more, more, s, far);
          if (damped)
             add_part(count, k.loss, p, p);
       }
       g.w += nham * g.n;
       g.z += (nham - 1) * g.n;
       g.k += (nham - 1) * g.n;
+      g.j += (nham - 1) * g.n;
    }
    return beyond;
 }
@@ -247,6 +285,7 @@ static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t 
                           const double *c, const int far) {
    double x[MOST_SITES * LANES_OF_STRIP], y[MOST_SITES * LANES_OF_STRIP];
    const double *const z = of->uses >= BY_Z ? functionals[0] : w, *const k = of->uses >= BY_K ? functionals[2] : w;
+   const double *const j = MEAN && of->samples ? functionals[3] : w;
    int64_t beyond = 0;
    for (ptrdiff_t row = 0; row < sites; row++)
       for (int i = 0; i < lanes; i++) {
@@ -256,7 +295,7 @@ static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t 
    for (int out = 0; out < nstep / every; out++) {
       const ptrdiff_t step = (ptrdiff_t)out * every;
       const given g = {w + step * nham * nlane + first, z + step * (nham - 1) * nlane + first,
-                       k + step * (nham - 1) * nlane + first, h, 1 / h, nlane};
+                       k + step * (nham - 1) * nlane + first, j + step * (nham - 1) * nlane + first, h, 1 / h, nlane};
       const double *const damped = functionals[DAMPED_STEP];
       if (lanes == 1)
          beyond |= (of->uses == BY_W ? alone_by_w : of->uses == BY_Z ? alone_by_z : alone_by_k)(
