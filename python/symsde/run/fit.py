@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import DoubtfulRunWarning, IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError
 from ..model.definition import Model, require_model
 from ..model.formulas.path_formula import PathFormula
-from ..model.formulas.wide import wide_model
+from ..model.formulas.wide import Positions, wide_model
 from ..native import checks, files
 from ..show import plot, tables
 from .fit_data import Data, read_data, steps_of
@@ -29,8 +29,9 @@ _SAME = 1e-10  #: singular values of scaled derivatives below this share of the 
 class Fit:
     """Fitted values with their standard errors, to first order in the errors of data and means.
 
-    `values["k"]` is a number, `values["q0"]` and `values["p0"]` have the shape (dof,). The data may be means over
-    paths or their variances: `data["q"]`, `fitted["q"]` and `fitted_se["q"]` are (time,), NaN where none was measured.
+    `values["k"]` is a number, or (site,) where the model has one for each site; `values["q0"]` and `values["p0"]` have
+    the shape (dof,). The data may be means over paths or their variances: `data["q"]`, `fitted["q"]` and
+    `fitted_se["q"]` are (time,), NaN where none was measured.
     """
 
     values: dict[str, Any]  #: name -> fitted value
@@ -187,7 +188,7 @@ class _Problem:
             value = self._start_of(name)
             self.places[name] = slice(len(start), len(start) + value.size)
             start.extend(value)
-            several = name in ("q0", "p0") and model.ndof > 1
+            several = value.size > 1
             self.columns += [f"{name}[{i}]" for i in range(value.size)] if several else [name]
         self.start = np.array(start)
         self.after = steps_of(data.t, setup.options.t0, setup.options.step)
@@ -206,6 +207,8 @@ class _Problem:
         """Where the search begins."""
         if name not in ("q0", "p0"):
             value = self.setup.model.parameters[name]
+            if isinstance(value, tuple):
+                return np.array(value)
             if np.ndim(value):
                 raise InvalidArgumentError(f"the parameter {name} differs from path to path: give it one value to fit")
             return np.array([float(value)])
@@ -269,7 +272,8 @@ class _Problem:
 
     def model_at(self, theta: np.ndarray) -> Model:
         """The model with these parameters."""
-        values = {name: float(theta[self.places[name]][0]) for name in self.known}
+        parts = self._named(theta)
+        values = {name: parts[name] for name in self.known}
         return self.setup.model.with_parameters(**values) if values else self.setup.model
 
     def _run(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -320,7 +324,7 @@ class _Problem:
             w[:, np.newaxis] * parts[there],
         )
 
-    def _begin_at(self, theta: np.ndarray, model: Model, positions: list[str]) -> tuple[Setup, np.ndarray]:
+    def _begin_at(self, theta: np.ndarray, model: Model, positions: Positions) -> tuple[Setup, np.ndarray]:
         """The setup that begins with theta, and tangent vectors there: those of q0, of p0, of parameters."""
         n = model.ndof
         states = {x: theta[self.places[x]][:, np.newaxis] for x in ("q0", "p0") if x in self.places}
@@ -329,7 +333,7 @@ class _Problem:
         setup = dataclasses.replace(self.setup, model=model, **states)
         return setup, np.repeat(v[:, :, np.newaxis], self.setup.paths, axis=2)
 
-    def _order(self, positions: list[str]) -> list[int]:
+    def _order(self, positions: Positions) -> list[int]:
         """Places of the fitted numbers among tangent vectors."""
         n, first, found = self.setup.model.ndof, {}, []
         for x in ("q0", "p0"):
@@ -340,7 +344,7 @@ class _Problem:
             if name in first:
                 found += range(first[name], first[name] + n)
             else:
-                found.append(behind + positions.index(name))
+                found += [behind + k for k in positions.places([name])]
         return found
 
     def told(self, outcome: Any) -> Fit:
@@ -389,7 +393,9 @@ class _Problem:
 
     def _named(self, x: np.ndarray) -> dict[str, Any]:
         """Values by name."""
-        return {name: x[at] if name in ("q0", "p0") else float(x[at][0]) for name, at in self.places.items()}
+        of_sites = {name for name, value in self.setup.model.parameters.items() if isinstance(value, tuple)}
+        several = {"q0", "p0"} | of_sites
+        return {name: x[at] if name in several else float(x[at][0]) for name, at in self.places.items()}
 
     def _inverse(self, J: np.ndarray) -> np.ndarray:
         """(J^T J)^-1 J^T; refuses directions that change no datum."""

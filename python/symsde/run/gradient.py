@@ -30,9 +30,9 @@ _STATES = ("q0", "p0")
 class Gradient:
     """The mean of f over paths, and its derivatives.
 
-    `values["k"]` is dE f/dk, a number; `values["q0"]` and `values["p0"]` have the shape (dof,). Standard errors are
-    over paths. Each path has its own derivatives, for its own noise: `by_path["k"]` (path,), `by_path["q0"]` (dof,
-    path).
+    `values["k"]` is dE f/dk, a number; `values["q0"]` and `values["p0"]` have the shape (dof,), and a parameter with a
+    number for each site has (site,). Standard errors are over paths. Each path has its own derivatives, for its own
+    noise: `by_path["k"]` (path,), `by_path["q0"]` (dof, path).
     """
 
     value: float  #: mean of f
@@ -99,7 +99,7 @@ def gradient(
     options.setdefault("save_every", max(1, checks.integer("steps", steps)))
     setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, **options)
     wide, positions = wide_model(model, known, thirds=setup.kicks)
-    function = _function_of(f, model, positions, len(known))
+    function = _function_of(f, model, positions, positions.places(known))
     found = _Found(setup, len(positions))
     with Monitor(progress, in_python=True) as monitor:
         for part in groups_of(setup, wide.ndof):
@@ -167,7 +167,7 @@ class _Found:
         return self.f, self.by_q, self.by_p, self.status, self.failed_step
 
     def told(
-        self, names: list[str], known: list[str], positions: list[str], states: list[str], *, allow_failed: bool
+        self, names: list[str], known: list[str], positions: Positions, states: list[str], *, allow_failed: bool
     ) -> Gradient:
         """Means over the paths that are ok."""
         ok = self.status == 0
@@ -183,7 +183,7 @@ class _Found:
             )
         ndof = self.setup.model.ndof
         rows = {"q0": self.by_q[:ndof], "p0": self.by_p}
-        rows |= {name: self.by_q[ndof + positions.index(name)] for name in known}
+        rows |= {name: self.by_q[ndof:][positions.at(name)] for name in known}
         by_path = {self_name: rows[self_name] for self_name in _in_order(names, known, states)}
         means = {name: mean_of(x[..., ok]) for name, x in by_path.items()}
         value, value_se = mean_of(self.f[ok])
@@ -204,7 +204,8 @@ def values_of(model: Model, positions: Positions, part: slice) -> np.ndarray:
     """Values of parameters for some paths, or one for all: (parameter, 1 or path). Of rates behind them nothing is
     read.
     """
-    values = [np.atleast_1d(model.parameters[name]) for name in positions]
+    given = (model.parameters[name] for name in dict.fromkeys(positions))
+    values = [np.atleast_1d(one) for x in given for one in (x if isinstance(x, tuple) else (x,))]
     rows = part.stop - part.start if any(x.size > 1 for x in values) else 1
     theta = np.zeros((positions.rows, rows))
     for row, x in zip(theta, values, strict=False):
@@ -260,8 +261,8 @@ def part_of(setup: Setup, part: slice) -> Setup:
     )
 
 
-def _function_of(f: Any, model: Model, positions: list[str], count: int) -> Callable:
-    """f as a function of (t, q, p, theta) that gives value, fq, fp, ftheta."""
+def _function_of(f: Any, model: Model, positions: Positions, places: list[int]) -> Callable:
+    """f as a function of (t, q, p, theta) that gives value, fq, fp, ftheta; places: of the parameters of wrt."""
     if is_formula(f):
         return PathFormula(model, f, positions)
     pair = checks.items(f)
@@ -281,11 +282,11 @@ def _function_of(f: Any, model: Model, positions: list[str], count: int) -> Call
         rows = [np.zeros((len(positions), q.shape[-1]))]
         if len(found) == 3:
             given = checks.real_array("df() by parameters", found[2])
-            if given.shape != (count, q.shape[-1]):
+            if given.shape != (len(places), q.shape[-1]):
                 raise WrongShapeError(
-                    f"df() by parameters has shape {given.shape}: return {(count, q.shape[-1])}, the paths last"
+                    f"df() by parameters has shape {given.shape}: return {(len(places), q.shape[-1])}, the paths last"
                 )
-            rows[0][:count] = given
+            rows[0][places] = given
         return value(t, q, p), found[0], found[1], *rows
 
     return both

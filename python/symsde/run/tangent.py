@@ -28,7 +28,7 @@ class Tangent:
     """Derivatives of the state at the end of each path; NaN where it failed."""
 
     matrix: np.ndarray  #: (2 dof, 2 dof, path), d x_i(T)/d x_j(0) with x = (q_1 .. q_n, p_1 .. p_n)
-    by: dict[str, np.ndarray]  #: parameter -> d x_i(T)/d theta, (2 dof, path)
+    by: dict[str, np.ndarray]  #: parameter -> d x_i(T)/d theta, (2 dof, path); (site, 2 dof, path) of sites
     q: np.ndarray  #: (dof, path), the state at the end, with the bits of `simulate`
     p: np.ndarray
     status: np.ndarray  #: (path,), 0 = ok
@@ -106,7 +106,7 @@ def tangent(
     matrix, rows = found.v[: 2 * n], found.v[2 * n :]
     return Tangent(
         matrix=np.ascontiguousarray(np.moveaxis(matrix, 0, 1)),
-        by={name: rows[positions.index(name)] for name in known},
+        by={name: rows[positions.at(name)] for name in known},
         q=found.q,
         p=found.p,
         status=found.status,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from . import pair_loops
 from .derivatives import Derivatives
 from .emit_c import Loops
-from .site_loops import additions, count_of_rows, one_or_many, sites_of
+from .site_loops import additions, one_or_many
 from .sites import Chain
 
 #: arrays of outputs besides the weights w: g, the derivatives of the functions with respect to the sums; r, the product
@@ -158,8 +158,8 @@ def source(chain: Chain) -> str:
         sums=count, outer=len(outer.numbers), pairs=len(pairs), at_least_one=max(1, len(pairs)), table=table
     )
     parts = [head, _added_up(chain, "sums", "SUMS"), _added_up(chain, "along", "SUMS", "vq", "vp")]
-    parts += [_added_up(chain, f"inner_{x}", count_of_rows(chain.size)) for x in ("hq", "hp")]
-    callbacks = CALLBACKS.replace("user, ndof", f"user, {sites_of(chain.size)}")
+    parts += [_added_up(chain, f"inner_{x}", chain.shape.count) for x in ("hq", "hp")]
+    callbacks = CALLBACKS.replace("user, ndof", f"user, {chain.shape.sites}")
     return "\n".join([*parts, _functions(made, pairs), _prepare(outer.numbers), callbacks])
 
 
@@ -174,7 +174,7 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
             continue
         slope = name.removeprefix("inner_")
         if name != slope:  # weighted, as in the gradient
-            there, function = additions(d, chain.size, slope), f"{slope}_{k}"
+            there, function = additions(d, chain.shape, slope), f"{slope}_{k}"
         else:
             node, function = _value if name == "sums" else _along, f"{name}_{k}"
             nodes = [(a, node(d.derivatives, j)) for j, a in enumerate(d.inner)]
@@ -183,7 +183,7 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
             ]
             if there:
                 own = parameters, ["sites", *vectors, name]
-                text += pair_loops.function(d, chain.size, function, there, given=own)
+                text += pair_loops.function(d, chain.shape, function, there, given=own)
         if there:
             loops += pair_loops.call(d, function, names, name != slope and d.is_own)
     zero = f"   memset({name}, 0, (size_t)({rows} * (ptrdiff_t)n) * sizeof(double));\n"

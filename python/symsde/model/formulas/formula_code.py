@@ -125,10 +125,10 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
                 f"damping = {checks.shown(formulas.formulas[0])}: models of n sites take no formulas of damping; give "
                 "numbers, or a function of (q, t)"
             )
-        chain = _chain(**chosen, n=given["n"], ends=given["ends"], split=given["split"])
-        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
+        chain = _chain(**chosen, n=given["n"], ends=given["ends"], split=given["split"], fixed=given.get("fixed", ()))
+        structure, texts, derivatives = None, chain.texts, None
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
-        own, part = chain.columns(), chain.part
+        own, part, source = chain.columns(), chain.part, emit_sites.source(chain, thirds=given.get("thirds"))
     derived = time.perf_counter() - start
     compiled = _compiled(source, derivatives is None)
     formula = Formula(
@@ -143,7 +143,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     sites = chain and chain.n  # numbers, where arrays may have been given
     given = {**given, "n": sites, "damping": formulas}
     kind = parameters.kind_of(values)
-    told = {"ndof": problem.ndof if chain is None else chain.n * chain.size, "nnoise": nnoise, **traits}
+    told = {"ndof": problem.ndof if chain is None else chain.shape.rows(chain.n), "nnoise": nnoise, **traits}
     kinds[kind] = Code(
         given, kind, own, dict(values), told, formula, derivatives, chain, rotation, part, compiled, kinds, pulls,
         rates, kicks=_kicks_of(derivatives) if compiled and given.get("steps", True) else None,
@@ -237,7 +237,7 @@ def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
     return None
 
 
-def _chain(*, H, noise, q, p, params, t, invariants, n, ends, split) -> Chain:
+def _chain(*, H, noise, q, p, params, t, invariants, n, ends, split, fixed) -> Chain:
     """Read sums over n sites."""
     if (q is None) != (p is None) or invariants:
         raise InvalidArgumentError(
@@ -245,4 +245,5 @@ def _chain(*, H, noise, q, p, params, t, invariants, n, ends, split) -> Chain:
             "and as many momenta, as q='x y z', p='px py pz' for x[i], px[i], .."
         )
     components = None if q is None else (q, p)
-    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends, components=components, split=split)
+    names = {"components": components, "split": split, "fixed": fixed}
+    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends, **names)

@@ -9,6 +9,7 @@ pair after the other, so that bits are those of many lanes.
 from __future__ import annotations
 
 from .site_loops import site_loop, summand
+from .site_reader import Shape
 from .sites import Summand
 
 HEAD = "enum { STRIP = 8, TILE_OF_PAIRS = 128 }; /* lanes, and sites of one lane, that are computed together */\n"
@@ -63,15 +64,15 @@ INLINE {name}({parameters}, const int far) {{
 
 
 def function(
-    d: Summand, size: int, name: str, adds: list[tuple[str, int]], *, given: tuple[str, list[str]], how: str = "+="
+    d: Summand, shape: Shape, name: str, adds: list[tuple[str, int]], *, given: tuple[str, list[str]], how: str = "+="
 ) -> str:
     """The function of one site of a density, or of all its pairs. adds: places and nodes of the additions; given:
     declarations of arguments, and the names of those behind the state and the parameters."""
     parameters, names = given
     if not d.is_pair:
-        body = site_loop(d, size, adds, how)
+        body = site_loop(d, shape, adds, how)
         return f"INLINE {name}({parameters}, const ptrdiff_t site, const int far) {{\n{body}}}\n\n"
-    before, inside, found = summand(d, size, adds)
+    before, inside, found = summand(d, shape, adds)
     own = [(target, value) for target, value in found if "other" not in target]
     apart = [f"{target} += {value};" for target, value in found if "other" in target]
     apart += [f"part[{j} * TILE_OF_PAIRS + k] = {value};" for j, (_, value) in enumerate(own)]

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from .derivatives import BLOCKS
 from .emit_c import Writer
 from .graph import reachable
+from .site_reader import Shape
 from .sites import Density, Summand
 
 #: vectors that outputs depend on besides the state: for products with the Hessian, and for third derivatives
@@ -24,22 +25,24 @@ def one_or_many(name: str, parameters: str, names: str) -> str:
     return text + f"   if (n > 1 && all_{name}(n, {names}, 0) < 0)\n      all_{name}(n, {names}, 1);\n}}\n"
 
 
-def site_loop(d: Summand, size: int, adds: list[tuple[str, int]], how: str = "+=") -> str:
+def site_loop(d: Summand, shape: Shape, adds: list[tuple[str, int]], how: str = "+=") -> str:
     """One site: a loop over lanes that adds to the rows of neighbours."""
-    before, inside, adds = summand(d, size, adds)
+    before, inside, adds = summand(d, shape, adds)
     stores = [f"      {target} {how} {value};" for target, value in adds]
     head = ["   int64_t beyond = 0;", *before, "#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
     return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
 
 
-def summand(d: Summand, size: int, adds: list[tuple[str, int]]) -> tuple[list[str], list[str], list[tuple[str, str]]]:
+def summand(
+    d: Summand, shape: Shape, adds: list[tuple[str, int]]
+) -> tuple[list[str], list[str], list[tuple[str, str]]]:
     """Code of a summand that is equal for all lanes, and that of one lane; places and values of the
-    additions. size: coordinates of a site."""
+    additions."""
     given = {
         d.graph.leaf(f"c{d.numbers + k}", False): f"c[{d.numbers} + {row.component} * sites + {row.site}]"
         for k, row in enumerate(d.given)
     }
-    writer = (_PairWriter if d.is_pair else Writer)(d.graph, lambda name: d.load(name, size), given)
+    writer = (_PairWriter if d.is_pair else Writer)(d.graph, lambda name: d.load(name, shape), given)
     before, inside, _ = writer.lines([node for _, node in adds])
     return before, inside, [(target, writer.operand(node)) for target, node in adds]
 
@@ -68,25 +71,15 @@ class _PairWriter(Writer):
         return [*first, f"      const double x{x} = {value};"]
 
 
-def additions(d: Density, size: int, output: str) -> list[tuple[str, int]]:
+def additions(d: Density, shape: Shape, output: str) -> list[tuple[str, int]]:
     """Places and values of the additions, in C."""
-    rows = [row.of(size) for row in d.rows]
-    places = {0: "i", 1: "{0} * n + i", 2: f"({{1}} * {count_of_rows(size)} + {{0}}) * n + i"}
+    rows = [shape.row(row) for row in d.rows]
+    places = {0: "i", 1: "{0} * n + i", 2: f"({{1}} * {shape.count} + {{0}}) * n + i"}
     return [
         (f"{output}[{places[len(at)].format(*(rows[k] for k in at))}]", node)
         for at, node in entries(d, output)
         if not d.derivatives.graph.is_number(node, 0.0)
     ]
-
-
-def sites_of(size: int) -> str:
-    """The number of sites of ndof rows, in C."""
-    return "ndof" if size == 1 else f"ndof / {size}"
-
-
-def count_of_rows(size: int) -> str:
-    """The number of rows of all sites, in C."""
-    return "sites" if size == 1 else f"({size} * sites)"
 
 
 def entries(d: Density, output: str) -> list[tuple[tuple[int, ...], int]]:

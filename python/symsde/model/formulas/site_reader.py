@@ -25,15 +25,94 @@ class Row:
     second: bool = False  #: at the second site j of a pair, not at the first one
     offset: int = 0  #: number of sites behind the site
     component: int = 0  #: which coordinate of the site, or which parameter
+    #: "" for a coordinate, or for a parameter that is none; of parameters that are positions "site" or "all"
+    fixed: str = ""
 
     @property
     def site(self) -> str:
-        """The number of the site in C."""
+        """The site, in C."""
         return "other" if self.second else f"ROW({self.offset})"
 
-    def of(self, size: int) -> str:
-        """The row of a coordinate in C, where sites have `size` of them."""
-        return self.site if size == 1 else f"({size} * {self.site} + {self.component})"
+
+@dataclass(frozen=True)
+class Shape:
+    """The rows of all sites: coordinates site by site; then those parameters that are positions (`wide.py`): each
+    parameter of sites with its sites, and behind these the parameters with one number."""
+
+    size: int  #: coordinates of a site
+    arrays: int = 0  #: parameters of sites
+    alone: int = 0  #: parameters with one number
+
+    @property
+    def each(self) -> int:
+        """Rows that belong to a site."""
+        return self.size + self.arrays
+
+    def rows(self, sites: int) -> int:
+        """The number of rows."""
+        return self.each * sites + self.alone
+
+    def row(self, row: Row) -> str:
+        """The number of a row, in C."""
+        if row.fixed == "all":
+            return f"({self.each} * sites + {row.component})"
+        if row.fixed:
+            return f"({self.size + row.component} * sites + {row.site})"
+        return row.site if self.size == 1 else f"({self.size} * {row.site} + {row.component})"
+
+    @property
+    def sites(self) -> str:
+        """The number of sites of ndof rows, in C."""
+        rows = f"(ndof - {self.alone})" if self.alone else "ndof"
+        return rows if self.each == 1 else f"{rows} / {self.each}"
+
+    @property
+    def count(self) -> str:
+        """The number of rows, in C."""
+        rows = "sites" if self.each == 1 else f"{self.each} * sites"
+        return f"({rows} + {self.alone})" if self.alone else f"({rows})" if self.each > 1 else rows
+
+
+@dataclass(frozen=True)
+class Place:
+    """A site, counted from the first or from the last one."""
+
+    shift: int
+    from_last: bool = False
+
+    def __str__(self) -> str:
+        """The number in C, given the number of sites."""
+        return f"sites - 1 + ({self.shift})" if self.from_last else str(self.shift)
+
+    def of(self, sites: int) -> int:
+        """The number of the site, given the number of sites."""
+        return self.shift + (sites - 1 if self.from_last else 0)
+
+
+@dataclass(frozen=True)
+class Number:
+    """Index of a Hamiltonian as a function of the number of sites: `alone` single Hamiltonians come before
+    it, and `families` families with one Hamiltonian for each site."""
+
+    alone: int = 0
+    families: int = 0
+
+    def __str__(self) -> str:
+        """The index in C, given the number of sites."""
+        return f"({self.alone} + {self.families} * sites)" if self.families else str(self.alone)
+
+    def after(self, family: bool) -> Number:
+        """The index of the next Hamiltonian, after a single one or a family."""
+        return Number(self.alone + (not family), self.families + family)
+
+    def of(self, sites: int) -> int:
+        """The index, given the number of sites."""
+        return self.alone + self.families * sites
+
+    @property
+    def is_drift(self) -> bool:
+        """Whether the Hamiltonian is H."""
+        return self == Number()
 
 
 def local_symbol(letter: str, row: Row) -> Any:

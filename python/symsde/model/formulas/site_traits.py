@@ -32,6 +32,11 @@ def _state_free(e: Any, d: Density) -> bool:
     return not any(d.derivatives.problem.lanes[s.name] for s in getattr(e, "free_symbols", ()))
 
 
+def is_quadratic(d: Density) -> bool:
+    """Whether second derivatives of a density do not depend on the state."""
+    return all(_state_free(e, d) for name in ("qq", "qp", "pp") for e in _block(d, name))
+
+
 def traits_of(densities: list[Density], outer: Outer | None, shape: tuple[int, int], periodic: bool) -> dict[str, Any]:
     """Traits of the whole model, from derivatives that vanish identically; shape: sites, and coordinates of each."""
     count, size = shape
@@ -48,8 +53,7 @@ def traits_of(densities: list[Density], outer: Outer | None, shape: tuple[int, i
         "separable": _all_zero(densities, "qp") and not any({x[0] for x in names} >= {*"qp"} for names in kinked),
         "additive": _all_zero(noises, "qq", "qp", "pp") and not any(_kinked(d) for d in noises),
         "position_noise": all(x == 0 for d in noises for x in _slopes(d, "p")),
-        "quadratic": not kinked
-        and all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
+        "quadratic": not kinked and all(map(is_quadratic, plain)),
         "identity_mass": identity,
         "constant_mass": constant,
         "diagonal_mass": diagonal,

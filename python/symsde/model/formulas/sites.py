@@ -31,54 +31,12 @@ from .derivatives import Derivatives
 from .graph import Graph
 from .named_formulas import Names, Problem, quoted
 from .parse import FormulaTextError, check_name, folded, parse
-from .site_reader import Row, SiteReader, local_symbol, locals_of, rows_of
+from .site_reader import Number, Place, Row, Shape, SiteReader, local_symbol, locals_of, rows_of
 from .site_traits import touches_of, traits_of
 
 MAX_SITES = 100_000
 MAX_COMPONENTS = 8  #: most coordinates of a site: a pair has twice as many, and their third derivatives
 ENDS = ("free", "fixed", "periodic")
-
-
-@dataclass(frozen=True)
-class Place:
-    """A site, counted from the first or from the last one."""
-
-    shift: int
-    from_last: bool = False
-
-    def __str__(self) -> str:
-        """The number in C, given the number of sites."""
-        return f"sites - 1 + ({self.shift})" if self.from_last else str(self.shift)
-
-    def of(self, sites: int) -> int:
-        """The number of the site, given the number of sites."""
-        return self.shift + (sites - 1 if self.from_last else 0)
-
-
-@dataclass(frozen=True)
-class Number:
-    """Index of a Hamiltonian as a function of the number of sites: `alone` single Hamiltonians come before
-    it, and `families` families with one Hamiltonian for each site."""
-
-    alone: int = 0
-    families: int = 0
-
-    def __str__(self) -> str:
-        """The index in C, given the number of sites."""
-        return f"({self.alone} + {self.families} * sites)" if self.families else str(self.alone)
-
-    def after(self, family: bool) -> Number:
-        """The index of the next Hamiltonian, after a single one or a family."""
-        return Number(self.alone + (not family), self.families + family)
-
-    def of(self, sites: int) -> int:
-        """The index, given the number of sites."""
-        return self.alone + self.families * sites
-
-    @property
-    def is_drift(self) -> bool:
-        """Whether the Hamiltonian is H."""
-        return self == Number()
 
 
 class Summand(Protocol):
@@ -91,8 +49,8 @@ class Summand(Protocol):
     graph: Graph
     numbers: int  #: number of parameters before those of sites
 
-    def load(self, name: str, size: int) -> str:
-        """An input of the term in C, where sites have `size` coordinates."""
+    def load(self, name: str, shape: Shape) -> str:
+        """An input of the term in C."""
         ...
 
 
@@ -132,18 +90,18 @@ class Density:
         """Number of parameters before those of sites."""
         return len(self.derivatives.problem.parameters) - len(self.given)
 
-    def load(self, name: str, size: int) -> str:
+    def load(self, name: str, shape: Shape) -> str:
         """An input of the summand in C."""
         letter = name.rstrip("0123456789")
         if letter == "w":
             row = self.inner[int(name[1:])] if self.inner else f"({self.weight}{' + site' if self.family else ''})"
             return f"w[{row} * (ptrdiff_t)n + i]"
-        return f"{letter}[{self.rows[int(name[len(letter) :])].of(size)} * n + i]"
+        return f"{letter}[{shape.row(self.rows[int(name[len(letter) :])])} * n + i]"
 
     @property
     def is_own(self) -> bool:
         """Whether each site adds to its own rows alone."""
-        return not self.is_pair and not any(self.offsets)
+        return not self.is_pair and not any(self.offsets) and all(row.fixed != "all" for row in self.rows)
 
 
 @dataclass(frozen=True)
@@ -163,15 +121,22 @@ class Chain:
     traits: dict[str, Any]
     part: site_parts.Part | None  #: the quadratic part of H between kicks
     unsplit: str = ""  #: what keeps H from having one; empty if nothing does, or nothing could be
+    fixed: tuple[str, ...] = ()  #: parameters that are positions, those of sites first
 
     @property
     def size(self) -> int:
         """Number of coordinates of a site."""
         return len(self.components[0])
 
+    @property
+    def shape(self) -> Shape:
+        """The rows of a state."""
+        arrays = len({*self.fixed} & {*self.arrays})
+        return Shape(self.size, arrays, len(self.fixed) - arrays)
+
     def columns(self) -> tuple[str, ...]:
         """Names of coordinates and momenta in results; empty for q_1, q_2, .., p_1, p_2, .."""
-        if self.components == (("q",), ("p",)):
+        if self.components == (("q",), ("p",)) or self.fixed:
             return ()
         names = [f"{x}_{i + 1}" for own in self.components for i in range(self.n) for x in own]
         odd = any(re.fullmatch(r"[qp]_[0-9]+|.*[^a-zA-Z0-9_].*", x) for x in names) or len(set(names)) < len(names)
@@ -180,7 +145,7 @@ class Chain:
     @property
     def is_line(self) -> bool:
         """Whether sites have one coordinate each, are all alike, and are summed one by one."""
-        return self.size == 1 and not any(d.is_pair or d.given for d in self.densities)
+        return self.shape == Shape(1) and not any(d.is_pair or d.given for d in self.densities)
 
 
 @dataclass(frozen=True)
@@ -191,13 +156,24 @@ class _Whose:
     weight: Number
     family: bool
     parameters: dict[str, Any]
+    fixed: dict[Any, Row]  #: parameters that are positions: name of a number, or place of one of sites -> row
 
 
 def make_chain(
-    *, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: Any, components: Any = None, split: Any = None
+    *,
+    H: Any,
+    noise: list[Any],
+    params: Any,
+    t: Any,
+    n: Any,
+    ends: Any,
+    components: Any = None,
+    split: Any = None,
+    fixed: Sequence[str] = (),
 ) -> Chain:
     """Read and differentiate sums over sites; components: names of the coordinates and of the momenta of a site; split:
-    a quadratic part of H by hand."""
+    a quadratic part of H by hand; fixed: parameters that are positions which do not move (`wide.py`).
+    """
     sympy = optional("sympy", "sympy")
     count = checks.integer("n", n)
     if not 2 <= count <= MAX_SITES:
@@ -206,6 +182,8 @@ def make_chain(
     names = Names(sympy, {}, params, t, count)
     components = _components(components, names, count)
     arrays = _arrays(names.values, count)
+    fixed = tuple(sorted(fixed, key=lambda x: x not in arrays))
+    rows = _fixed_rows(fixed, arrays, list(names.values))
     texts = [H, *noise]
     for text in texts:
         if not isinstance(text, str):
@@ -216,7 +194,7 @@ def make_chain(
             family, bodies, rest, sums = _bodies(text, (names.known, components, arrays), is_noise=j > 0)
             kinked += [j] if any(kinks.moving(x) for x in bodies) else []
             for body in bodies if family else [part for whole in bodies for part in _apart(whole, ends)]:
-                densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
+                densities += _at_ends(body, _Whose(text, weight, family, names.values, rows), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
                 at_ends(sums[stand_in], ends, count)  # errors must name the formula that contains the sum
                 symbol = sympy.Symbol(f"q{len(inner)}", real=True)
@@ -224,7 +202,8 @@ def make_chain(
             if rest != 0:
                 functions.append((weight, rest, text))
             if j == len(texts) - 1:
-                densities += _inner(list(inner), _Whose(", ".join(texts), Number(), False, names.values), ends, count)
+                whole = _Whose(", ".join(texts), Number(), False, names.values, rows)
+                densities += _inner(list(inner), whole, ends, count)
         except FormulaTextError as error:
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
         weight = weight.after(family)
@@ -245,7 +224,10 @@ def make_chain(
         kinked=tuple(kinked),
         traits=traits | {"touches": touches_of(densities, outer, weight.of(count) - 1, (count, size))},
         part=None,
+        fixed=fixed,
     )
+    if fixed:
+        return _with_positions(chain)
     if any(kinked) and not traits["position_noise"]:
         raise InvalidArgumentError(kinks.REFUSED.format(quoted(texts[max(kinked)])))
     form = _form(split, (names.known, components, arrays), names.values, ends, count)
@@ -278,9 +260,29 @@ def _form(
         _, bodies, rest, _ = _bodies(text, known, is_noise=False)
         if rest != 0:
             raise FormulaTextError("it is no sum of terms number * Sum(.., i), as a quadratic form of sites is")
-        return [d for body in bodies for d in _at_ends(body, _Whose(text, Number(), False, values), ends, count)]
+        return [d for body in bodies for d in _at_ends(body, _Whose(text, Number(), False, values, {}), ends, count)]
     except FormulaTextError as error:
         raise InvalidArgumentError(f"split = {quoted(text)} cannot be used: {error}") from None
+
+
+def _fixed_rows(fixed: tuple[str, ...], arrays: tuple[str, ...], names: list[str]) -> dict[Any, Row]:
+    """The rows of parameters that are positions: by the number among arrays, or by the internal name of a number."""
+    of_sites = [x for x in fixed if x in arrays]
+    found: dict[Any, Row] = {arrays.index(x): Row(component=k, fixed="site") for k, x in enumerate(of_sites)}
+    alone = fixed[len(of_sites) :]
+    return found | {f"c{names.index(x)}": Row(component=k, fixed="all") for k, x in enumerate(alone)}
+
+
+def _with_positions(chain: Chain) -> Chain:
+    """The chain whose parameters are positions, of which nothing is proved but what steps of it are chosen by."""
+    if chain.outer:
+        raise InvalidArgumentError(
+            f"{', '.join(chain.fixed)}: derivatives by parameters are not known beside functions of sums; take those "
+            "by q0 and p0"
+        )
+    unknown = {"bandwidth": None, "touches": None}
+    unknown |= dict.fromkeys(("identity_mass", "constant_mass", "diagonal_mass"), False)
+    return replace(chain, traits=chain.traits | unknown)
 
 
 def _components(given: Any, names: Names, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -477,12 +479,18 @@ def _derived(expressions: Sequence[Any], whose: _Whose, first: Place, last: Plac
     """A density, differentiated with respect to its own names q0 .. and p0 .."""
     sympy = optional("sympy", "sympy")
     local = {x: row for e in expressions for x, row in locals_of(e).items()}
-    rows = sorted({row for x, row in local.items() if x.name[0] != "c"})
-    given = sorted({row for x, row in local.items() if x.name[0] == "c"})
-    places = {
-        x: f"c{len(whose.parameters) + given.index(row)}" if x.name[0] == "c" else f"{x.name[0]}{rows.index(row)}"
-        for x, row in local.items()
+    held = {x: row for x, row in local.items() if x.name[0] == "c"}
+    still = {
+        x: replace(whose.fixed[row.component], second=row.second, offset=row.offset)
+        for x, row in held.items()
+        if row.component in whose.fixed
     }
+    still |= {x: whose.fixed[x.name] for e in expressions for x in e.free_symbols if x.name in whose.fixed}
+    rows = [*sorted({row for x, row in local.items() if x not in held}), *sorted({*still.values()})]
+    given = sorted({row for x, row in held.items() if x not in still})
+    places = {x: f"{x.name[0]}{rows.index(row)}" for x, row in local.items() if x not in held}
+    places |= {x: f"q{rows.index(row)}" for x, row in still.items()}
+    places |= {x: f"c{len(whose.parameters) + given.index(row)}" for x, row in held.items() if x not in still}
     places = {x: sympy.Symbol(name, real=True) for x, name in places.items()}
     renamed = tuple(e.xreplace(places) for e in expressions)
     parameters = whose.parameters | {f"{k} of a site": 0.0 for k in range(len(given))}

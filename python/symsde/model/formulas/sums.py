@@ -16,8 +16,7 @@ import numpy as np
 from . import pair_loops
 from .graph import Graph
 from .in_numpy import values_of
-from .site_loops import sites_of
-from .site_reader import Row, locals_of
+from .site_reader import Row, Shape, locals_of
 from .sites import Place, at_ends, row_macro
 
 #: letters of a site's coordinates in graphs: u0, v0 at the first of the rows, u1, v1 .. at the next ones
@@ -42,11 +41,11 @@ class Piece:
         """Whether the sum is over pairs."""
         return any(row.second for row in (*self.rows, *self.given))
 
-    def load(self, name: str, size: int) -> str:
+    def load(self, name: str, shape: Shape) -> str:
         """An input of the summand in C."""
         letter, number = name.rstrip("0123456789"), int(name.lstrip("uvqp"))
         if letter in ARRAY:
-            return f"{ARRAY[letter]}[{self.rows[number].of(size)} * n + i]"
+            return f"{ARRAY[letter]}[{shape.row(self.rows[number])} * n + i]"
         return f"{letter}[{number} * (ptrdiff_t)n + i]"
 
 
@@ -89,13 +88,13 @@ def source(sums: Sequence[Sum], ends: str) -> str:
         loops = ""
         for j, piece in enumerate(total.pieces):
             name, adds = f"sum_{k}_{j}", [("sum[i]", piece.root)]
-            text += pair_loops.function(piece, total.size, name, adds, given=(given, ["sites", "sum"]))
+            text += pair_loops.function(piece, Shape(total.size), name, adds, given=(given, ["sites", "sum"]))
             loops += pair_loops.call(piece, name, names)
         text += f"INLINE all_{k}({given}, const int far) {{\n   int64_t beyond = 0;\n"
         text += f"   memset(sum, 0, (size_t)n * sizeof(double));\n{loops}   return beyond;\n}}\n\n"
         text += f"static __attribute__((noinline)) void sum_{k}({given}) {{\n"
         text += f"   if (all_{k}(n, {names}, 0) < 0)\n      all_{k}(n, {names}, 1);\n}}\n\n"
-        calls += f"   sum_{k}(n, t, q, q, p, c, {sites_of(total.size)}, sums + {k} * (ptrdiff_t)n);\n"
+        calls += f"   sum_{k}(n, t, q, q, p, c, {Shape(total.size).sites}, sums + {k} * (ptrdiff_t)n);\n"
     head = "static void all_sums(const int n, const double t, const double *q, const double *p, const double *c,\n"
     return f"{text}{head}                     const ptrdiff_t ndof, double *sums) {{\n{calls}}}\n"
 

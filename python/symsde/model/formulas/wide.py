@@ -22,14 +22,25 @@ MOST_WITH_HESSIANS = 16
 
 
 class Positions(list):
-    """Names of the parameters that are positions of a wide model."""
+    """Names of the parameters that are positions of a wide model; that of a parameter of sites stands once a site."""
 
+    of_sites: tuple[str, ...] = ()  #: parameters with a number for each site
     slopes: np.ndarray | None = None  #: (position, dof), derivatives of the rates of damping; None if no rate changes
 
     @property
     def rows(self) -> int:
         """Number of parameters that the library is given: behind these positions are rates that change."""
         return len(self) + (0 if self.slopes is None else self.slopes.shape[1])
+
+    def at(self, name: str) -> int | slice:
+        """The place of a parameter, or the places of its sites."""
+        first, count = self.index(name), self.count(name)
+        return slice(first, first + count) if name in self.of_sites else first
+
+    def places(self, names: Sequence[str]) -> list[int]:
+        """The places of parameters, one after the other."""
+        every = [self.at(name) for name in names]
+        return [k for x in every for k in (range(x.start, x.stop) if isinstance(x, slice) else (x,))]
 
     def gathered(self, rows: np.ndarray) -> np.ndarray:
         """Derivatives by positions, (position, ..), from those by positions and by rates, (rows, ..)."""
@@ -52,11 +63,8 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
     if not wanted and not (thirds and _has_formulas(model)):
         return model, Positions()
     code = (known := _formulas(model))._code
-    if code.derivatives is None:
-        raise IncompatibleError(
-            f"{', '.join(wanted)} of model {model.name}: derivatives by parameters of sums over sites are not known; "
-            "take those by q0 and p0, or write the formulas out"
-        )
+    if code.chain:
+        return _of_sites(model, wanted, thirds=thirds)
     problem = code.derivatives.problem
     if problem.ndof + len(wanted) > MAX_POSITIONS:
         raise IncompatibleError(
@@ -79,6 +87,30 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
     wide = code.wide[key] if forced or not others else code.wide[key].with_parameters(**others)
     positions = Positions(wanted)
     positions.slopes = _slopes(known, wanted, names)
+    return wide, positions
+
+
+def _of_sites(model: FormulaModel, wanted: list[str], *, thirds: bool) -> tuple[Model, Positions]:
+    """The wide model of sums over sites: loops over them, however many positions the parameters of sites are."""
+    code, chain = model._code, model._chain
+    if wanted and (model._forces or model._fluctuating):
+        raise IncompatibleError(
+            f"{', '.join(wanted)} of model {model.name}: derivatives by parameters of sums over sites are not known "
+            "beside forces and friction of baths; take those by q0 and p0"
+        )
+    _require_generic(model, wanted)
+    of_sites = tuple(x for x in wanted if x in chain.arrays)
+    alone = [x for x in wanted if x not in chain.arrays]
+    key = (thirds, "sites", *sorted(wanted))
+    if key not in code.wide:
+        values = model.parameters | dict.fromkeys(alone, 0.5)  # are not read, nor folded
+        more = {"params": values, "damping": None, "fixed": tuple(wanted), "thirds": thirds}
+        code.wide[key] = _made({**code.given, **more})
+    others = {name: x for name, x in model.parameters.items() if name not in wanted}
+    wide = code.wide[key].with_parameters(**others) if others else code.wide[key]
+    order = wide._chain.fixed
+    positions = Positions([x for x in order for _ in range(chain.n if x in of_sites else 1)])
+    positions.of_sites = of_sites
     return wide, positions
 
 
@@ -175,9 +207,9 @@ def _derived(
 
 
 def _has_formulas(model: Model) -> bool:
-    """Whether the model has formulas that are no sums over sites."""
+    """Whether the model has formulas, which functions of sums have not in this sense."""
     if isinstance(model, FormulaModel):
-        return model._derivatives is not None
+        return model._chain is None or model._chain.outer is None
     return model.name in FORMULAS and bool(model.parameters)
 
 

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Derivatives by parameters of sums over sites and over pairs: equal to differences, and to formulas written out."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeError
+
+pytest.importorskip("sympy")
+
+from symsde.model.formulas import compiler
+
+if compiler.command() is None:
+    pytest.skip("no C compiler", allow_module_level=True)
+
+pytestmark = pytest.mark.usefixtures("quick_compiler")
+SITES = 5
+SPRINGS = np.linspace(0.5, 1.5, SITES)
+STENCIL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))  #: a central difference of sixth order
+RUN = {"q0": np.linspace(-0.5, 0.5, SITES), "p0": np.linspace(0.3, -0.2, SITES), "step": 0.1, "steps": 12, "paths": 5}
+ENDS = {
+    "free": ["k[i]*(q[i+1]-q[i])**2/2 + b*(q[i+1]-q[i])**4/4", "b*k[i]*q[i]**2/2"],
+    "fixed": ["(q[i+1]-q[i])**2/2 + b*(q[i+1]-q[i])**4/4", "k[i]*q[i]**2/2"],
+    "periodic": ["k[i+1]*(q[i+1]-q[i])**2/2 + b*(q[i+2]-q[i])**4/4"],
+}
+
+
+def chain(ends="free", **values):
+    """Springs, each with its own constant, and noise that holds it, too."""
+    H = " + ".join(["Sum(p[i]**2/2, i)", *(f"Sum({x}, i)" for x in ENDS[ends])])
+    params = {"s": 0.3, "k": SPRINGS, "b": 0.7} | values
+    return ss.model_from_sympy(H, noise=["s*k[j]*sin(q[j])"], n=SITES, ends=ends, params=params)
+
+
+def moved(name, by, site=None):
+    """Values of the chain of which one is moved."""
+    if site is None:
+        return {name: {"s": 0.3, "b": 0.7}[name] + by}
+    springs = SPRINGS.copy()
+    springs[site] += by
+    return {name: springs}
+
+
+def differences(make, f, **run):
+    """Differences of f of each path; make(h) moves a parameter by h."""
+    sides = ((x / 3e-3, [ss.gradient(make(i * d), f, ["q0"], **run).f for d in (3e-3, -3e-3)]) for i, x in STENCIL)
+    return sum(x * (a - b) for x, (a, b) in sides)
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "chin4a", "lobatto3"])
+@pytest.mark.parametrize("ends", ENDS)
+def test_parameters_of_sites(ends, scheme):
+    """Every derivative is right to 1e-9 of the largest of its kind, whatever the ends, and so are tangents."""
+    f, run = "q_1**2 + q_3*p_2 + b*p_4", RUN | {"scheme": scheme}
+    found = ss.gradient(chain(ends), f, ["b", "k", "s"], **run)
+    maps = ss.tangent(chain(ends), ["k"], **run)
+    mine = found.by_path["k"]
+    assert mine.shape == (SITES, 5) and found.values["k"].shape == found.se["k"].shape == (SITES,)
+    for name, site in (("s", None), ("b", None), ("k", 0), ("k", 3)):
+        right = differences(lambda h: chain(ends, **moved(name, h, site)), f, **run)  # noqa: B023
+        row = found.by_path[name] if site is None else mine[site]
+        assert abs(row - right).max() < 1e-9 * max(abs(right).max(), 0.1)
+        assert abs(right).max() > 1e-3
+    q, p, by = maps.q, maps.p, maps.by["k"]
+    along = 2 * q[0] * by[:, 0] + q[2] * by[:, SITES + 1] + p[1] * by[:, 2] + 0.7 * by[:, SITES + 3]
+    np.testing.assert_allclose(along, mine, rtol=1e-11, atol=1e-13)
+
+
+BODIES = "Sum((u[i]**2 + v[i]**2)/(2*m[i]), i) - Sum(G*m[i]*m[j]/sqrt((x[i]-x[j])**2 + (y[i]-y[j])**2 + 0.1), i < j)"
+MASSES = np.array([0.7, 1.0, 1.4])
+STATE = {"q0": [0.0, 0.1, 1.0, 0.9, -1.0, 0.3], "p0": [0.1, 0.3, -0.3, 0.2, 0.1, -0.3], "step": 0.1, "steps": 8}
+
+
+def bodies(masses=MASSES, G=1.1):
+    """Bodies in the plane, whose masses are parameters of sites; two coordinates of a site."""
+    given = {"params": {"m": masses, "G": G, "s": 0.2}, "n": 3, "q": "x y", "p": "u v"}
+    return ss.model_from_sympy(BODIES, noise=["s*m[k]*x[k]"], **given)
+
+
+def written_out(masses=MASSES):
+    """The same, body by body."""
+    x, y, u, v, m = ([f"{a}{i}" for i in range(1, 4)] for a in "xyuvm")
+    H = " + ".join(f"({u[i]}**2 + {v[i]}**2)/(2*{m[i]})" for i in range(3))
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        H += f" - G*{m[i]}*{m[j]}/sqrt(({x[i]}-{x[j]})**2 + ({y[i]}-{y[j]})**2 + 0.1)"
+    names = {"q": [a for both in zip(x, y, strict=True) for a in both]}
+    names["p"] = [a for both in zip(u, v, strict=True) for a in both]
+    params = dict(zip(m, masses, strict=True)) | {"G": 1.1, "s": 0.2}
+    return ss.model_from_sympy(H, noise=[f"s*{m[i]}*{x[i]}" for i in range(3)], params=params, **names)
+
+
+@pytest.mark.parametrize(("scheme", "paths"), [("stormer_verlet", 1), ("midpoint", 7), ("gauss2", 20)])
+def test_pairs(scheme, paths):
+    """Masses of bodies in pairs and in kinetic energies, as formulas written out have them; single paths, too."""
+    run = STATE | {"paths": paths, "scheme": scheme}
+    mine = ss.gradient(bodies(), "q_1*p_4 + q_6", ["G", "m", "s", "q0"], **run)
+    theirs = ss.gradient(written_out(), "q_1*p_4 + q_6", ["G", "m1", "m2", "m3", "s", "q0"], **run)
+    for name in ("G", "s", "q0"):
+        np.testing.assert_allclose(mine.by_path[name], theirs.by_path[name], rtol=1e-9, atol=1e-11)
+    for k in range(3):
+        np.testing.assert_allclose(mine.by_path["m"][k], theirs.by_path[f"m{k + 1}"], rtol=1e-9, atol=1e-11)
+
+
+def test_functions_of_the_path():
+    """Derivatives by parameters that f holds itself come in the order of wrt, a row for each site."""
+    rows = np.arange(1.0, 7.0)[:, np.newaxis] * np.ones(5)
+    pair = (lambda t, q, p: q[-1, 0], lambda t, q, p: (_first(q), 0 * p, rows))
+    bare = (pair[0], lambda t, q, p: (_first(q), 0 * p))
+    run = RUN | {"scheme": "stormer_verlet"}
+    held, plain = (ss.gradient(chain(), x, ["b", "k"], **run).by_path for x in (pair, bare))
+    np.testing.assert_allclose(held["b"] - plain["b"], rows[0], rtol=1e-12)
+    np.testing.assert_allclose(held["k"] - plain["k"], rows[1:], rtol=1e-12)
+    short = (pair[0], lambda t, q, p: (_first(q), 0 * p, rows[:2]))
+    with pytest.raises(WrongShapeError, match=r"return \(6, 5\)"):
+        ss.gradient(chain(), short, ["b", "k"], **run)
+
+
+def _first(q):
+    slope = np.zeros_like(q)
+    slope[-1, 0] = 1
+    return slope
+
+
+def test_fit():
+    """Constants of all springs are found from the motion of all sites."""
+    pytest.importorskip("scipy")
+    still = {"s": 0.0, "b": 0.2}
+    run = {x: RUN[x] for x in ("q0", "p0", "step")} | {"scheme": "stormer_verlet"}
+    truth = ss.simulate(chain(**still), **run, steps=60)
+    data = {f"q_{i + 1}": truth.q[10::10, i, 0] for i in range(SITES)}
+    start = chain(**still, k=np.ones(SITES))
+    found = ss.fit(start, data, ["k"], t=truth.t[10::10], **run, paths=2)
+    np.testing.assert_allclose(found.values["k"], SPRINGS, rtol=1e-7)
+    assert found.columns == tuple(f"k[{i}]" for i in range(SITES)) and found.values["k"].shape == (SITES,)
+
+
+def test_refused():
+    """Functions of sums, and forces beside sums, know no derivatives by parameters."""
+    model = ss.model_from_sympy("Sum(p[i]**2/2, i) + J*Sum(q[i], i)**2", ["s*q[k]"], n=4, params={"J": 0.3, "s": 0.2})
+    run = {"q0": 0.5, "p0": 0.0, "step": 0.1, "steps": 2, "scheme": "stormer_verlet"}
+    with pytest.raises(InvalidArgumentError, match="J: derivatives by parameters are not known beside functions of"):
+        ss.gradient(model, "q_1", ["J"], **run)
+    ss.gradient(model, "q_1", ["q0"], **run)
+    forced = chain().forced(force=lambda q, p, t: -q, force_derivative=lambda q, p, t: (0 * q, 0 * q))
+    with pytest.raises(IncompatibleError, match="are not known beside forces"):
+        ss.gradient(forced, "q_1", ["k"], **RUN)
