@@ -139,6 +139,14 @@ typedef int (*symsde_third_derivative)(int nlane, int ndof, int nham, double t, 
  * H_k) H_k,q; and, of one degree of freedom, k[nlane] = sum_k H_k,qq^2, which is not read otherwise */
 typedef int (*symsde_squares)(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k,
                               void *user);
+/* covectors over nstep steps of kicks and drifts, backward (symsde_path_gradient): the first nmoving positions move, the
+ * others are parameters theta[ndof - nmoving][nlane]. At each state s = nstep .. 0, at the time t + s h and q[s], with
+ * a = part[1], or 0 at s = 0, and b = part[0], or 0 at s = nstep: u[ndof][nlane] loses S_qq c, where S = (a + b) h H +
+ * sum_k (a dw[s-1][k-1] + b dw[s][k-1]) H_k; then, but at s = 0, c[nmoving][nlane] gains h u of the first nmoving rows.
+ * q[nstep + 1][nmoving][nlane], dw[nstep][nham - 1][nlane] */
+typedef int (*symsde_pull)(int nlane, int ndof, int nham, int nmoving, int nstep, double t, double h,
+                           const double *part, const double *dw, const double *q, const double *theta, double *u,
+                           double *c, void *user);
 /* f[ndof][nlane]: w[0] F of a force, or sum_k w[k] f_k, k >= 1, of forces on noises */
 typedef int (*symsde_force)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                             double *f, void *user);
@@ -172,6 +180,10 @@ int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivativ
  * brackets then take one call instead of one or two for each noise, and lose nothing. The products must agree with those of
  * gradients and Hessians to rounding */
 int symsde_model_set_squares(symsde_model model, symsde_squares squares, symsde_error *error);
+/* for the model of positions and parameters of symsde_path_gradient: steps of kicks around q <- q + h p (stormer_verlet, the
+ * Euler pair) are then taken back in one call instead of by a Hessian each. A gradient tests it against products with the
+ * Hessian before it is used */
+int symsde_model_set_pull(symsde_model model, symsde_pull pull, symsde_error *error);
 /* declares that the functions test for NULL: from now on outputs that are not wanted are NULL */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
 /* whole steps of a catalogue scheme, without correction; "symplectic_euler, corrected" and
@@ -183,8 +195,9 @@ int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow fl
 /* declares that the bits of a lane do not depend on nlane. From now on the functions get no lanes that only pad a block,
  * and a single path is faster. This holds for loops without contraction (fused multiply-add) that call the C library */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
-/* declares that a program derived the functions from formulas, and that neither they nor the data behind user change. The
- * model is then tested before a run only if state or time (flows: or step) enters a new power of two */
+/* declares that a program derived the functions from formulas, that they write all outputs, and that neither they nor the
+ * data behind user change. The model is then tested before a run only if state or time (flows: or step) enters a new power
+ * of two */
 int symsde_model_set_derived(symsde_model model, symsde_error *error);
 /* damp the momenta of any model: dp_i = .. - gamma_i p_i dt beside the Hamiltonians, with nrate = 1 rate for all degrees
  * of freedom or one for each [1/time]. Rates of zero take it back. A negative rate needs allow_gain. No run may be using

@@ -26,6 +26,7 @@ module symsde_capi_joint
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
    public :: symsde_model_accept_any_lanes, symsde_model_set_derived
    public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative, symsde_model_set_squares
+   public :: symsde_model_set_pull
    public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part, &
              symsde_model_set_action_kicks
 
@@ -87,6 +88,20 @@ contains
       if (.not. allocated(refusal)) call known%set_squares(squares, refusal)
       status = finish(refusal, error)
    end function symsde_model_set_squares
+
+   !> Give a model of symsde_model_new covectors over several steps; NULL removes them. Refuses built-in models
+   !> (incompatible).
+   function symsde_model_set_pull(model, pull, error) result(status) bind(c, name='symsde_model_set_pull')
+      type(c_ptr), intent(in), value :: model, error
+      type(c_funptr), intent(in), value :: pull
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+
+      call find_callback_model(model, known, 'symsde_model_set_pull', refusal)
+      if (.not. allocated(refusal)) call known%set_pull(pull)
+      status = finish(refusal, error)
+   end function symsde_model_set_pull
 
    !> From now on pass NULL for outputs that are not wanted. Refuses built-in models (incompatible).
    function symsde_model_accept_null(model, error) result(status) bind(c, name='symsde_model_accept_null')

@@ -33,6 +33,7 @@ module symsde_model_kernels
       logical :: angle = .false.        !! angle: all derivatives of an angle follow from its terms
       logical :: linear = .false.       !! angle: one degree of freedom, quadratic, terms without sine
       logical :: squares = .false.      !! squares: products of gradients and Hessians of all noises
+      logical :: pull = .false.         !! pull: covectors over several steps of kicks and drifts
    end type kernel_offers
 
    type, abstract, extends(model_type) :: kernel_model
@@ -43,6 +44,7 @@ module symsde_model_kernels
       procedure :: pair => pair_missing
       procedure :: angle => angle_missing
       procedure :: squares => squares_missing
+      procedure :: pull => pull_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
    end type kernel_model
@@ -174,6 +176,24 @@ contains
       g = ieee_value(1.0_wp, ieee_quiet_nan)
       k = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine squares_missing
+
+   !> Covectors u of all positions and c of the first nmoving momenta, taken back over nstep steps of kicks and drifts
+   !> of H = p.p/2 + U(q), noise in position; positions behind the first nmoving are parameters, which stay. At each
+   !> state s = nstep .. 0, at the time t + s h,
+   !>
+   !>    u <- u - S_qq c     S = (a + b) h H + sum_k (a dW_k(s-1) + b dW_k(s)) H_k,     a = part(2), b = part(1),
+   !>
+   !> with a = 0 at s = 0, b = 0 at s = nstep; then, but at s = 0, c <- c + h u of the first nmoving positions.
+   subroutine pull_missing(self, nlane, ndof, nnoise, nmoving, nstep, t, h, part, dw, q, theta, u, c)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise, nmoving, nstep
+      real(wp), intent(in) :: t, h, part(2), dw(nlane, nnoise, nstep)
+      real(wp), intent(in) :: q(nlane, nmoving, 0:nstep), theta(nlane, ndof - nmoving)
+      real(wp), intent(inout) :: u(nlane, ndof), c(nlane, nmoving)
+
+      u = ieee_value(1.0_wp, ieee_quiet_nan)
+      c = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine pull_missing
 
    !> Whether `flow` can take steps by this map.
    pure logical function has_no_flow(self, map) result(has_flow)

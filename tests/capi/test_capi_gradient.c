@@ -57,6 +57,95 @@ static int hessian_vector(int n, int ndof, int nham, double t, const double *w, 
    return 0;
 }
 
+/* the linear oscillator with sigma as second position: S = w_0 (q^2 + p^2)/2 - sigma w_1 q */
+static int linear_gradient(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                           double *hq, double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)user;
+   for (int i = 0; i < n; i++) {
+      if (hq != NULL) {
+         hq[i] = w[i] * q[i] - q[n + i] * w[n + i];
+         hq[n + i] = -w[n + i] * q[i];
+      }
+      if (hp != NULL) {
+         hp[i] = w[i] * p[i];
+         hp[n + i] = 0;
+      }
+   }
+   return 0;
+}
+
+static int linear_product(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          const double *vq, const double *vp, double *uq, double *up, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)q, (void)p, (void)user;
+   for (int i = 0; i < n; i++) {
+      uq[i] = w[i] * vq[i] - w[n + i] * vq[n + i];
+      uq[n + i] = -w[n + i] * vq[i];
+      up[i] = w[i] * vp[i];
+      up[n + i] = 0;
+   }
+   return 0;
+}
+
+/* covectors over several steps; the user pointer is a factor of the noise, 1 if it is right */
+static int linear_pull(int n, int ndof, int nham, int nmoving, int nstep, double t, double h, const double *part,
+                       const double *dw, const double *q, const double *theta, double *u, double *c, void *user) {
+   const double factor = *(double *)user;
+
+   CHECK(ndof == 2 && nham == 2 && nmoving == 1);
+   (void)t, (void)q, (void)theta;
+   for (int s = nstep; s >= 0; s--) {
+      for (int i = 0; i < n; i++) {
+         const double a = s > 0 ? part[1] : 0, b = s < nstep ? part[0] : 0;
+         const double noise = (s > 0 ? a * dw[(s - 1) * n + i] : 0) + (s < nstep ? b * dw[s * n + i] : 0);
+         u[i] -= (a + b) * h * c[i];
+         u[n + i] += factor * noise * c[i];
+         c[i] += s > 0 ? h * u[i] : 0;
+      }
+   }
+   return 0;
+}
+
+/* Gradients with a pull are those without it; a wrong one is refused. */
+static void check_pull(void) {
+   static double with_pull[2 * PATHS], other_p[PATHS];
+   symsde_model model = NULL, wide = NULL;
+   symsde_scheme scheme = new_scheme("stormer_verlet");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_traits traits;
+   double sigma = 0.3, factor = 1, worst = 0;
+
+   OK(symsde_model_get("linear_oscillator", 0, NULL, NULL, &model, &error));
+   symsde_traits_init(&traits);
+   traits.ndof = 2;
+   traits.nnoise = 1;
+   traits.has_hessian_vector = traits.separable = traits.position_noise = 1;
+   OK(symsde_model_new("wide", &traits, linear_gradient, NULL, NULL, linear_product, &factor, &wide, &error));
+   OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, by_q, by_p, status,
+                           failed_step, NULL, &error));
+   OK(symsde_model_set_pull(wide, linear_pull, &error));
+   OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, with_pull, other_p,
+                           status, failed_step, NULL, &error));
+   for (int i = 0; i < PATHS; i++) {
+      worst = fmax(worst, fabs(with_pull[i] - by_q[i]) + fabs(with_pull[PATHS + i] - by_q[PATHS + i]));
+      worst = fmax(worst, fabs(other_p[i] - by_p[i]));
+   }
+   CHECK(worst < 1e-11 && fabs(by_q[PATHS]) > 1e-3);
+   factor = 1.01;
+   EXPECT(SYMSDE_FALSE_TRAIT, "wide|covectors over two steps",
+          symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, with_pull,
+                               other_p, status, failed_step, NULL, &error));
+   OK(symsde_model_set_pull(wide, NULL, &error));
+   OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, with_pull, other_p,
+                           status, failed_step, NULL, &error));
+   CHECK(with_pull[PATHS] == by_q[PATHS]);
+   EXPECT(SYMSDE_INCOMPATIBLE, "linear_oscillator|symsde_model_new", symsde_model_set_pull(model, linear_pull, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_pull(NULL, linear_pull, &error));
+   symsde_scheme_delete(&scheme);
+   symsde_model_delete(&wide);
+   symsde_model_delete(&model);
+}
+
 /* q at the end for one sigma */
 static void run_with(double sigma, arrays *to) {
    const char *key = "sigma";
@@ -179,5 +268,6 @@ int main(void) {
    symsde_scheme_delete(&scheme);
    symsde_model_delete(&wide);
    symsde_model_delete(&model);
+   check_pull();
    return close_report();
 }

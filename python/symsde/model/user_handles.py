@@ -70,12 +70,14 @@ def derived(make: Callable[[], ModelHandle]) -> ModelHandle:
     return handle
 
 
-def with_squares(make: Callable[[], ModelHandle], squares: Any) -> ModelHandle:
-    """A handle of a user's model that gives the squares of all noises at one pass."""
+def with_kernels(make: Callable[[], ModelHandle], kernels: Mapping[str, Any]) -> ModelHandle:
+    """A handle of a user's model that has these compiled functions: "squares", of all noises at one pass, or "pull",
+    of covectors over several steps.
+    """
     handle = make()
-    callback, _ = callbacks.compiled("squares", squares)
-    handle.squares = callback, squares  # must live as long as the handle
-    handles.call("model_set_squares", handle.pointer, callback)
+    handle.kernels = kernels  # must live as long as the handle
+    for kind, function in kernels.items():
+        handles.call(f"model_set_{kind}", handle.pointer, callbacks.compiled(kind, function)[0])
     return handle
 
 

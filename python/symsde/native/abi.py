@@ -230,6 +230,9 @@ CALLBACKS["chain_rows"] = CFUNCTYPE(
 CALLBACKS["squares"] = CFUNCTYPE(
     *(c_int,) * 4, c_double, *(c_void_p,) * 4
 )  # int f(nlane, ndof, nham, t, q, g, k, user)
+CALLBACKS["pull"] = CFUNCTYPE(
+    *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 7
+)  # int f(nlane, ndof, nham, nmoving, nstep, t, h, part, dw, q, theta, u, c, user)
 Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
 
 PathFunction = CFUNCTYPE(c_int, c_int64, *(c_int,) * 4, *(c_void_p,) * 8)
@@ -322,6 +325,7 @@ FUNCTIONS = {
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
     "model_set_chain_rows": (_handle, CALLBACKS["chain_rows"], _error),
     "model_set_squares": (_handle, CALLBACKS["squares"], _error),
+    "model_set_pull": (_handle, CALLBACKS["pull"], _error),
     "model_set_third_derivative": (_handle, CALLBACKS["third_derivative"], _error),
     "model_accept_null": (_handle, _error),
     "model_set_flow": (_handle, c_char_p, CALLBACKS["flow"], _error),

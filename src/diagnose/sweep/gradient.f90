@@ -174,6 +174,9 @@ contains
       if (allocated(error)) return
       call new_linear_step(step, task, model, wide, nrate, options%step, lane_unit)
       by_position = step%by_position
+      if (size(theta, 1) > 0 .and. size(theta, 2) == wide%traits%ndof - model%traits%ndof + nrate) &
+         call step%check(theta(1, :), options%t0, options%step, error)
+      if (allocated(error)) return
       associate (needed => wide%traits%ndof - model%traits%ndof + nrate)
          if (options%compensated) then
             call raise(error, incompatible, place, 'compensated sums have the derivatives of plain ones: leave '// &

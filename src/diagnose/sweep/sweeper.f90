@@ -319,8 +319,8 @@ contains
       type(step_record) :: step
       integer(i8) :: n
       real(wp), allocatable :: fq(:, :, :), fp(:, :, :)   !! (nreal, ndof, saved times of the piece)
-      logical :: saved
-      integer :: k, ready   !! first state that the linearised steps are prepared for
+      logical :: taken
+      integer :: k, low   !! the last state to which steps are taken back at once
 
       associate (plan => self%plan, offset => self%offset, nreal => self%nreal)
          self%u = 0
@@ -331,13 +331,12 @@ contains
             self%u(:nreal, :) = plan%u(offset + 1:offset + nreal, :)
             self%c(:nreal, :) = plan%c(offset + 1:offset + nreal, :)
          end if
-         ready = plan%nstep + 1
-         do k = plan%nstep, 0, -1
+         k = plan%nstep
+         do
             n = plan%first - plan%origin + k   ! steps from the beginning of the run
-            saved = mod(n, plan%every) == 0 .and. (k > 0 .or. n == 0)
-            if (k < plan%nstep .and. mod(mod(n, plan%every), int(rest, i8)) == 0) &
+            if (k < plan%nstep .and. rests(n)) &
                call self%step%settle(self%q(:, :, k), self%p(:, :, k), self%u, self%c)
-            if (saved) then
+            if (mod(n, plan%every) == 0 .and. (k > 0 .or. n == 0)) then
                if (allocated(fq)) then
                   call add_seeds(fq(:, :, n/plan%every), fp(:, :, n/plan%every), 0_i8)
                else
@@ -345,17 +344,36 @@ contains
                end if
             end if
             if (k == 0) exit
-            if (k < ready) call self%step%prepare(k, plan%nstep, plan%t0 + real(plan%first + k, wp)*plan%h, plan%h, &
-                                                  self%dw, self%q, ready)
-            call show_step(self, k - 1, step)
-            call self%step%back(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), &
-                                self%u, self%c, status)
+            taken = .false.
+            if (k == plan%nstep .or. rests(n)) then
+               low = k - 1
+               do while (low > 0 .and. .not. rests(plan%first - plan%origin + low))
+                  low = low - 1
+               end do
+               call self%step%take_back(low, k, plan%nstep, plan%t0 + real(plan%first + low, wp)*plan%h, plan%h, &
+                                        self%dw, self%q, self%u, self%c, taken)
+            end if
+            if (taken) then
+               k = low
+            else
+               call show_step(self, k - 1, step)
+               call self%step%back(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), &
+                                   self%u, self%c, status)
+               k = k - 1
+            end if
          end do
          plan%u(offset + 1:offset + nreal, :) = self%u(:nreal, :)
          plan%c(offset + 1:offset + nreal, :) = self%c(:nreal, :)
       end associate
 
    contains
+
+      !> Whether no part of a step is left over at this step of the run.
+      pure logical function rests(at)
+         integer(i8), intent(in) :: at
+
+         rests = mod(mod(at, self%plan%every), int(rest, i8)) == 0
+      end function rests
 
       !> Add df/dq and df/dp of one saved time.
       subroutine add_seeds(rows_q, rows_p, before)

@@ -27,7 +27,8 @@ module symsde_model_user_callback
    use symsde_model_user_callback_flow, only: user_flows
    use symsde_model_user_callback_functions, only: gradient_callback, value_callback, hessian_callback, &
                                                    hessian_vector_callback, gradient_hessian_callback, &
-                                                   third_derivative_callback, squares_callback
+                                                   third_derivative_callback, squares_callback, &
+                                                   pull_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_user_failures, only: failure_record
    use symsde_model_user_outputs, only: little, find_room, spoil
@@ -49,6 +50,7 @@ module symsde_model_user_callback
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
       procedure(squares_callback), pointer, nopass :: on_squares => null()
+      procedure(pull_callback), pointer, nopass :: on_pull => null()
       logical :: null_accepted = .false.         !! unwanted outputs are NULL
       type(c_ptr) :: user = c_null_ptr           !! user pointer of all functions, unless parameters differ by path
       type(path_parameters) :: parameters        !! parameters by path, none by default
@@ -70,6 +72,8 @@ module symsde_model_user_callback
       procedure :: set_third_derivative
       procedure :: squares
       procedure :: set_squares
+      procedure :: pull
+      procedure :: set_pull
       procedure :: accept_null
       procedure :: set_parameters
       procedure :: set_user
@@ -163,6 +167,7 @@ contains
 
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, steps%nlane, self%user, now)
+      if (.not. self%passed%is_kept()) call spoil(size(qn), qn, pn)
       call self%flows%take(map, steps, ndof, now%user, q, p, qn, pn, status, code)
       if (self%parameters%act) call now%leave()
       if (code == 0) return
@@ -224,6 +229,16 @@ contains
       self%offers%squares = .true.
    end subroutine set_squares
 
+   !> Add a function that takes covectors over several steps, before the model is used; c_null_funptr removes it.
+   subroutine set_pull(self, pull)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: pull  !! a pull_callback, or c_null_funptr
+
+      nullify (self%on_pull)
+      self%offers%pull = c_associated(pull)
+      if (self%offers%pull) call c_f_procpointer(pull, self%on_pull)
+   end subroutine set_pull
+
    !> Declare, before the model is used, that its functions accept NULL for outputs.
    subroutine accept_null(self)
       class(callback_model), intent(inout) :: self
@@ -246,7 +261,7 @@ contains
 
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
-      call spoil(nlane*ndof, hq, hp)
+      if (.not. self%passed%is_kept()) call spoil(nlane*ndof, hq, hp)
       code = out_of_memory
       if (self%null_accepted .or. (present(hq) .and. present(hp))) then
          code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, now%user)
@@ -335,7 +350,7 @@ contains
       end if
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
-      call spoil(nlane*ndof, uq, up)
+      if (.not. self%passed%is_kept()) call spoil(nlane*ndof, uq, up)
       code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, now%user)
       if (self%parameters%act) call now%leave()
       if (code == 0) return
@@ -362,8 +377,10 @@ contains
       if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       if (self%null_accepted .or. (present(hq) .and. present(hp) .and. present(hqq) .and. present(hqp) .and. &
                                    present(hpp))) then
-         call spoil(nlane*ndof, hq, hp)
-         call spoil(nlane*ndof**2, hqq, hqp, hpp)
+         if (.not. self%passed%is_kept()) then
+            call spoil(nlane*ndof, hq, hp)
+            call spoil(nlane*ndof**2, hqq, hqp, hpp)
+         end if
          code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, now%user)
       else
          call whole_gradient_hessian(self%on_gradient_hessian, nlane, ndof, nnoise, t, w, q, p, now%user, code, &
@@ -475,6 +492,22 @@ contains
       call spoil(nlane, k)
    end subroutine squares
 
+   !> Covectors over several steps; called only if offers%pull is true.
+   subroutine pull(self, nlane, ndof, nnoise, nmoving, nstep, t, h, part, dw, q, theta, u, c)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise, nmoving, nstep
+      real(wp), intent(in) :: t, h, part(2), dw(nlane, nnoise, nstep)
+      real(wp), intent(in) :: q(nlane, nmoving, 0:nstep), theta(nlane, ndof - nmoving)
+      real(wp), intent(inout) :: u(nlane, ndof), c(nlane, nmoving)
+      integer(i4) :: code
+
+      code = self%on_pull(nlane, ndof, nnoise + 1, nmoving, nstep, t, h, part, dw, q, theta, u, c, self%user)
+      if (code == 0) return
+      call self%failure%note(code)
+      call spoil(nlane*ndof, u)
+      call spoil(nlane*nmoving, c)
+   end subroutine pull
+
    !> The first nonzero code that a function returned since clear_failure; 0 = none.
    integer function failure_code(self) result(code)
       class(callback_model), intent(in) :: self
@@ -570,6 +603,7 @@ contains
       left%on_chain_rows => right%on_chain_rows
       left%on_third_derivative => right%on_third_derivative
       left%on_squares => right%on_squares
+      left%on_pull => right%on_pull
       left%null_accepted = right%null_accepted
       left%offers = right%offers
       left%flows = right%flows

@@ -9,7 +9,6 @@ module symsde_model_user_callback_flow
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_maps, only: step_map, same_map
    use symsde_base_record, only: steps_record
-   use symsde_model_user_outputs, only: spoil
    implicit none
    private
    public :: user_flows, flow_callback
@@ -112,7 +111,6 @@ contains
       type(c_ptr) :: functionals(nfunctional + 3)
       integer :: f
 
-      call spoil(size(qn), qn, pn)
       functionals = c_null_ptr
       do f = 1, nfunctional
          x => steps%of(f)%x  ! contiguous, which gfortran 12 does not recognise for a component

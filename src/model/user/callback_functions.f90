@@ -8,7 +8,7 @@ module symsde_model_user_callback_functions
    private
    public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
    public :: third_derivative_callback, force_callback, force_derivative_callback, damping_callback, &
-             squares_callback
+             squares_callback, pull_callback
 
    abstract interface
       !> Gradient of sum_j w_j H_j.
@@ -119,6 +119,19 @@ module symsde_model_user_callback_functions
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function squares_callback
+
+      !> Covectors over several steps: `pull` in model/kernels.
+      function pull_callback(nlane, ndof, nham, nmoving, nstep, t, h, part, dw, q, theta, u, c, user) bind(c) &
+         result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham, nmoving, nstep
+         real(c_double), value :: t, h
+         real(c_double), intent(in) :: part(2), dw(nlane, nham - 1, nstep)
+         real(c_double), intent(in) :: q(nlane, nmoving, 0:nstep), theta(nlane, ndof - nmoving)
+         real(c_double), intent(inout) :: u(nlane, ndof), c(nlane, nmoving)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function pull_callback
 
       !> Rates of damping, one for all momenta or one for each.
       function damping_callback(nlane, ndof, nrate, t, q, rate, user) bind(c) result(code)

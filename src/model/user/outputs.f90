@@ -43,7 +43,7 @@ contains
    end subroutine keep
 
    !> Fill outputs of n numbers each with NaN; absent outputs stay absent. Done before a call, so that unwritten outputs
-   !> show, and after a failed call.
+   !> show, unless a program derived the functions, and after a failed call.
    pure subroutine spoil(n, x, y, z)
       integer, intent(in) :: n
       real(wp), intent(out), dimension(n), optional :: x, y, z

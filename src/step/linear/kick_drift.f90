@@ -20,6 +20,7 @@
 module symsde_step_linear_kick_drift
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_status, only: error_type, raise, false_trait
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -30,7 +31,8 @@ module symsde_step_linear_kick_drift
    public :: kick_drift_step, kick_drift_fits, new_kick_drift
 
    integer, parameter :: most_entries = 16      !! of Hhat_qq and Hhat_{theta q}, beyond which products take less time
-   integer, parameter :: cached = 4096         !! entries of Hessians that are computed at once
+   real(wp), parameter :: close = 1e-9_wp      !! largest relative difference between `pull` and products
+   integer, parameter :: cached = 4096         !! numbers that fit into the nearest cache
 
    type, extends(linear_step) :: kick_drift_step
       private
@@ -42,14 +44,14 @@ module symsde_step_linear_kick_drift
       real(wp) :: t = 0                      !! time of the step
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
       real(wp), allocatable, dimension(:, :) :: cq, zero         !! c, whose rows of parameters are zero, and zero
+      logical :: pulls = .false.             !! the wide model takes covectors over several steps
       integer :: ahead = 0                   !! most steps whose kicks are computed ahead; 0 = none
-      integer :: low = 0                     !! first state whose kick is computed
-      integer :: now = -1                    !! state behind the next step
       real(wp), allocatable, dimension(:, :) :: ahead_w, ahead_q, ahead_p  !! (nlane ahead, ..)
       real(wp), allocatable :: hqq(:, :, :)  !! (nlane ahead, nwide, nwide)
    contains
       procedure :: back
-      procedure :: prepare
+      procedure :: take_back
+      procedure :: check
       procedure :: forth
       procedure :: settle
    end type kick_drift_step
@@ -112,9 +114,13 @@ contains
       allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
       allocate (self%cq(nlane, self%nwide), self%zero(nlane, self%nwide), source=0.0_wp)
       allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
+      self%pulls = self%by_h .and. self%ham%offers%pull
+      if (self%pulls) return
       if (self%ndof*self%nwide > most_entries .or. .not. (self%by_h .and. wide%traits%has_hessian)) return
       self%ahead = 1
-      if (wide%traits%autonomous) self%ahead = max(1, cached/(nlane*self%nwide**2))
+      associate (numbers => 1 + wide%traits%nnoise + self%nwide + self%nwide**2)
+         if (wide%traits%autonomous) self%ahead = max(1, cached/(nlane*numbers))
+      end associate
       associate (n => nlane*self%ahead)
          allocate (self%ahead_w(n, 0:wide%traits%nnoise), self%ahead_q(n, self%nwide))
          allocate (self%hqq(n, self%nwide, self%nwide))
@@ -122,43 +128,149 @@ contains
       end associate
    end subroutine new_kick_drift
 
-   !> Compute Hhat_qq at the next states that kicks are taken back at. Where fewer are left, the first is repeated.
-   subroutine prepare(self, k, nstep, t, h, dw, q, ready)
+   !> Take covectors back over several steps. Hhat_qq is computed at some states at once, from state `high` down; where
+   !> fewer are left, the last is repeated. Each kick has the weights of the steps that end and begin at its state.
+   subroutine take_back(self, low, high, nstep, t, h, dw, q, u, c, taken)
       class(kick_drift_step), intent(inout) :: self
-      integer, intent(in) :: k, nstep
+      integer, intent(in) :: low, high, nstep
       real(wp), intent(in) :: t, h
       real(wp), intent(in) :: dw(self%nlane, self%ham%nnoise, 0:nstep - 1)
       real(wp), intent(in) :: q(self%nlane, self%ndof, 0:nstep)
-      integer, intent(out) :: ready
-      integer :: i, j, state, from
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
+      logical, intent(out) :: taken
+      integer :: j, first, state
 
-      ready = 0
-      if (self%ahead == 0) return
-      self%low = k - self%ahead + 1
-      self%now = k
-      ready = max(1, self%low)
-      if (k == nstep) then  ! once a piece
-         self%ahead_w(:, 0) = (self%part(1) + self%part(2))*h
-         do i = self%ndof + 1, self%nwide
-            do j = 0, self%ahead - 1
-               self%ahead_q(self%nlane*j + 1:self%nlane*(j + 1), i) = self%q(:, i)
-            end do
-         end do
+      taken = self%pulls .or. self%ahead > 0
+      if (.not. taken) return
+      if (self%pulls) then
+         call self%ham%fast%pull(self%nlane, self%nwide, self%ham%nnoise, self%ndof, high - low, t, h, self%part, &
+                                 dw(:, :, low:high - 1), q(:, :, low:high), self%q(:, self%ndof + 1:), u, c)
+         return
       end if
-      do j = 0, self%ahead - 1
-         state = max(1, self%low + j)
-         from = self%nlane*j
-         do i = 1, self%ham%nnoise
-            self%ahead_w(from + 1:from + self%nlane, i) = self%part(2)*dw(:, i, state - 1) + &
-                                                          self%part(1)*dw(:, i, min(state, nstep - 1))
+      call repeat_parameters(self)
+      do first = high, low, -self%ahead
+         do j = 0, self%ahead - 1
+            state = max(low, first - j)
+            call weigh_kick(self, self%nlane*j, merge(self%part(2), 0.0_wp, state > low), &
+                            merge(self%part(1), 0.0_wp, state < high), h, dw(:, :, max(low, state - 1)), &
+                            dw(:, :, min(high - 1, state)), q(:, :, state))
          end do
-         do i = 1, self%ndof
-            self%ahead_q(from + 1:from + self%nlane, i) = q(:, i, state)
+         call self%ham%bare_gradient_hessian(self%nlane*self%ahead, t + real(first - low, wp)*h, self%ahead_w, &
+                                             self%ahead_q, self%ahead_p, hqq=self%hqq)
+         do j = 0, min(self%ahead - 1, first - low)
+            call kick_ahead(self, self%nlane*j, u, c)
+            if (first - j > low) call drift_by_h(self%nlane, self%ndof, h, u, c)
          end do
       end do
-      call self%ham%bare_gradient_hessian(self%nlane*self%ahead, t, self%ahead_w, self%ahead_q, self%ahead_p, &
-                                          hqq=self%hqq)
-   end subroutine prepare
+   end subroutine take_back
+
+   !> Compare `pull` of the wide model with products of its Hessian, over two steps through states of size one. A model
+   !> that is not finite there is not tested.
+   subroutine check(self, theta, t, h, error)
+      class(kick_drift_step), intent(inout) :: self
+      real(wp), intent(in) :: theta(:)
+      real(wp), intent(in) :: t, h
+      type(error_type), allocatable, intent(inout) :: error
+      integer, parameter :: nstep = 2
+      real(wp) :: rows(self%nlane, size(theta)), q(self%nlane, self%ndof, 0:nstep)
+      real(wp) :: dw(self%nlane, self%ham%nnoise, 0:nstep - 1)
+      real(wp), dimension(self%nlane, self%nrow) :: u, right_u
+      real(wp), dimension(self%nlane, self%ndof) :: c, right_c
+      real(wp) :: a, b, size_of
+      integer :: i, s
+      logical :: taken
+
+      if (allocated(error) .or. .not. self%pulls) return
+      do i = 1, size(theta)
+         rows(:, i) = theta(i)
+      end do
+      call self%set_parameters(rows)
+      call scatter(size(q), 0.3_wp, 1.0_wp, q)
+      call scatter(size(dw), -0.4_wp, sqrt(abs(h)), dw)
+      call scatter(size(u), -0.3_wp, 1.0_wp, u)
+      call scatter(size(c), 0.2_wp, 1.0_wp, c)
+      right_u = u
+      right_c = c
+      call self%take_back(0, nstep, nstep, t, h, dw, q, u, c, taken)
+      do s = nstep, 0, -1
+         a = merge(self%part(2), 0.0_wp, s > 0)
+         b = merge(self%part(1), 0.0_wp, s < nstep)
+         self%w(:, 0) = (a + b)*h
+         self%w(:, 1:) = a*dw(:, :, max(0, s - 1)) + b*dw(:, :, min(nstep - 1, s))
+         self%t = t + s*h
+         call kick(self, q(:, :, s), right_u, right_c)
+         if (s > 0) call drift_by_h(self%nlane, self%ndof, h, right_u, right_c)
+      end do
+      size_of = maxval(abs(right_u)) + maxval(abs(right_c))
+      if (.not. size_of < huge(size_of)) return
+      if (.not. max(maxval(abs(u - right_u)), maxval(abs(c - right_c))) <= close*size_of) &
+         call raise(error, false_trait, 'check_pull', "model '"//self%ham%model%name//"' takes covectors over two "// &
+                    'steps as its Hessian does not: correct pull or hessian_vector, or give no pull')
+   end subroutine check
+
+   !> Numbers from low to low + 1, times a factor.
+   pure subroutine scatter(n, low, factor, x)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: low, factor
+      real(wp), intent(out) :: x(n)
+      real(wp), parameter :: golden = 0.6180339887498949_wp
+      integer :: i
+
+      do i = 1, n
+         x(i) = factor*(low + modulo(i*golden, 1.0_wp))
+      end do
+   end subroutine scatter
+
+   !> The parameters of the lanes, for all states that are computed at once.
+   subroutine repeat_parameters(self)
+      type(kick_drift_step), intent(inout) :: self
+      integer :: i, j
+
+      do i = self%ndof + 1, self%nwide
+         do j = 0, self%ahead - 1
+            self%ahead_q(self%nlane*j + 1:self%nlane*(j + 1), i) = self%q(:, i)
+         end do
+      end do
+   end subroutine repeat_parameters
+
+   !> State and weights of a kick, behind `from` other rows: parts of those of the step that it ends, and of the step
+   !> that it begins.
+   subroutine weigh_kick(self, from, ends, begins, h, before, behind, q)
+      type(kick_drift_step), intent(inout) :: self
+      integer, intent(in) :: from
+      real(wp), intent(in) :: ends, begins, h
+      real(wp), intent(in), dimension(self%nlane, self%ham%nnoise) :: before, behind
+      real(wp), intent(in) :: q(self%nlane, self%ndof)
+      integer :: i, lane
+
+      do lane = 1, self%nlane
+         self%ahead_w(from + lane, 0) = (ends + begins)*h
+      end do
+      do i = 1, self%ham%nnoise
+         do lane = 1, self%nlane
+            self%ahead_w(from + lane, i) = ends*before(lane, i) + begins*behind(lane, i)
+         end do
+      end do
+      do i = 1, self%ndof
+         do lane = 1, self%nlane
+            self%ahead_q(from + lane, i) = q(lane, i)
+         end do
+      end do
+   end subroutine weigh_kick
+
+   !> c <- c + h u
+   pure subroutine drift_by_h(nlane, ndof, h, u, c)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: h, u(nlane, ndof)
+      real(wp), intent(inout) :: c(nlane, ndof)
+      integer :: i, lane
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            c(lane, i) = c(lane, i) + h*u(lane, i)
+         end do
+      end do
+   end subroutine drift_by_h
 
    subroutine back(self, step, q0, p0, q1, p1, u, c, status)
       class(kick_drift_step), intent(inout) :: self
@@ -167,22 +279,14 @@ contains
       real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
       real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
       integer(i8), intent(inout) :: status(self%nlane)
-      integer :: i, lane
 
-      if (self%now >= self%low .and. self%ahead > 0 .and. (self%waits .or. .not. self%part(1) > 0)) then
-         call kick_ahead(self, self%nlane*(self%now - self%low), u, c)
-      else if (self%part(2) > 0 .or. self%waits) then
+      if (self%part(2) > 0 .or. self%waits) then
          call load_weights(self, self%part(2), step%w)
          self%t = step%t + step%h
          call kick(self, q1, u, c)
       end if
-      self%now = self%now - 1
       if (self%by_h) then
-         do i = 1, self%ndof
-            do lane = 1, self%nlane
-               c(lane, i) = c(lane, i) + step%h*u(lane, i)
-            end do
-         end do
+         call drift_by_h(self%nlane, self%ndof, step%h, u, c)
       else
          call drift(self, step, q0, p0, u, c)
       end if

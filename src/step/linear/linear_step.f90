@@ -15,6 +15,7 @@
 module symsde_step_linear_linear_step
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_status, only: error_type
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
@@ -30,7 +31,8 @@ module symsde_step_linear_linear_step
    contains
       procedure(back_interface), deferred :: back
       procedure(forth_interface), deferred :: forth
-      procedure :: prepare => nothing_ahead
+      procedure :: take_back => take_none_back
+      procedure :: check => nothing_to_check
       procedure :: settle => nothing_left
       procedure :: set_parameters
       procedure :: load
@@ -65,18 +67,26 @@ module symsde_step_linear_linear_step
 
 contains
 
-   !> Compute ahead what the steps that end at the states ready .. k need, which are taken back next; this default
-   !> computes nothing.
-   subroutine nothing_ahead(self, k, nstep, t, h, dw, q, ready)
+   !> Take covectors from state `high` back to state `low` at once, nothing left over; this default takes no step.
+   subroutine take_none_back(self, low, high, nstep, t, h, dw, q, u, c, taken)
       class(linear_step), intent(inout) :: self
-      integer, intent(in) :: k, nstep                                !! state, of 0 .. nstep
-      real(wp), intent(in) :: t, h                                   !! time of state k, and the step
+      integer, intent(in) :: low, high, nstep                        !! states, of 0 .. nstep
+      real(wp), intent(in) :: t, h                                   !! time of state low, and the step
       real(wp), intent(in) :: dw(self%nlane, self%ham%nnoise, 0:nstep - 1)
       real(wp), intent(in) :: q(self%nlane, self%ndof, 0:nstep)
-      integer, intent(out) :: ready
+      real(wp), intent(inout) :: u(self%nlane, self%nrow), c(self%nlane, self%ndof)
+      logical, intent(out) :: taken
 
-      ready = 0
-   end subroutine nothing_ahead
+      taken = .false.
+   end subroutine take_none_back
+
+   !> Test functions of the wide model that are used beside its Hessian, for these parameters; this default uses none.
+   subroutine nothing_to_check(self, theta, t, h, error)
+      class(linear_step), intent(inout) :: self
+      real(wp), intent(in) :: theta(:)   !! (nrow - ndof)
+      real(wp), intent(in) :: t, h
+      type(error_type), allocatable, intent(inout) :: error
+   end subroutine nothing_to_check
 
    !> Complete the last step taken backward, which began at (q0, p0). This default has nothing left.
    subroutine nothing_left(self, q0, p0, u, c)

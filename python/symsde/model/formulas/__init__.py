@@ -26,6 +26,7 @@ site_traits          traits of sums over sites
 site_parts           the quadratic part of sums over sites whose flow is exact between kicks
 site_loops           C for one site of a density
 pair_loops           C for all sites, or all pairs of sites, of a density
+emit_pull            C for covectors over several steps, of models with parameters as positions
 emit_sites           C for the callbacks of a chain
 emit_rows            C for the rows of a chain that couples neighbours only
 emit_chain_flow      C for whole steps of such a chain; the steps are in flow_chain.h

@@ -16,7 +16,19 @@ from ...native import callbacks, checks
 from ...native.files import optional
 from ..rates import Rates
 from ..split import KICKS
-from . import actions, compiler, emit_c, emit_flow, emit_sites, in_numpy, kinks, parameters, quadratic, site_parts
+from . import (
+    actions,
+    compiler,
+    emit_c,
+    emit_flow,
+    emit_pull,
+    emit_sites,
+    in_numpy,
+    kinks,
+    parameters,
+    quadratic,
+    site_parts,
+)
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
@@ -115,7 +127,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
             thirds=given.get("thirds", False),
         )
         source = emit_c.source(derivatives, hessians=given.get("hessians", True))
-        source += _forces.source(pulls) + _rates.source(rates)
+        source += _forces.source(pulls) + _rates.source(rates) + emit_pull.source(derivatives, given.get("moving"))
         if given.get("steps", True):
             source += emit_flow.source(derivatives)
     else:

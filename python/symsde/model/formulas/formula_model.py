@@ -22,7 +22,7 @@ from ...errors import (
 from ...native import callbacks, checks, handles
 from ..definition import Model
 from ..rates import Rates, rates_of
-from ..user_handles import ModelHandle, derived, with_squares
+from ..user_handles import ModelHandle, derived, with_kernels
 from . import compiler, emit_c, emit_chain_flow, emit_flow, formula_code, in_numpy, matrices, parameters
 from . import forces as _forces
 from . import rates as _rates
@@ -411,10 +411,10 @@ def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> Formula
 def _plain(code: Code, functions: dict[str, Any]) -> FormulaModel:
     """A model of functions."""
     model = FormulaModel(name=code.given["name"], derived=True, **code.traits, **functions)
-    if code.compiled and hasattr(code.compiled.library, "formula_squares"):
-        make = functools.partial(
-            with_squares, model._handles.made, formula_code.address(code.compiled, "formula_squares")
-        )
+    there = [x for x in ("squares", "pull") if code.compiled and hasattr(code.compiled.library, f"formula_{x}")]
+    if there:
+        kernels = {x: formula_code.address(code.compiled, f"formula_{x}") for x in there}
+        make = functools.partial(with_kernels, model._handles.made, kernels)
         model._handles = handles.Pool(functools.partial(derived, make))
     model.formula, model._derivatives, model._chain = code.formula, code.derivatives, code.chain
     model._coordinates, model._code, model._direct = code.columns, code, None

@@ -202,6 +202,7 @@ def _derived(
             "steps": False,
             "hessians": count <= MOST_WITH_HESSIANS,
             "thirds": thirds,
+            "moving": problem.ndof,
         }
     )
 
