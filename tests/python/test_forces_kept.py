@@ -141,3 +141,60 @@ def test_pickles_refuse_other_parameters():
     bath = pickle.loads(pickle.dumps(ss.thermostat(OSCILLATOR, beta=2.0)))
     with pytest.raises(errors.IncompatibleError, match="then call thermostat"):
         bath.with_parameters(s=2.0)
+
+
+def drag_of(damping=None, **values):
+    """A pendulum with forces and noise forces that hold parameters."""
+    params = {"k": 1.3, "s": 0.4, "g": 0.5} | values
+    forces = {"force": "-g*p**3 + 0.2*q*k", "noise_force": ["0", "g*cos(q)"], "damping": damping}
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*sin(q)", "0"], params=params, **forces)
+
+
+def rubbed(**values):
+    """A force that is friction, with a rate that may vanish."""
+    params = {"k": 1.3, "s": 0.4, "g": 0.5, "c": 0.7} | values
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*sin(q)"], params=params, force="-(g + c)*p")
+
+
+def bathed(**values):
+    """A model whose friction belongs to its noises."""
+    model = ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*sin(q)"], params={"k": 1.3, "s": 0.4} | values)
+    return ss.thermostat(model, beta=2.0)
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize(
+    ("make", "values"),
+    [
+        (drag_of, {"k": 1.7, "g": 0.9}),
+        (lambda **x: drag_of(0.3, **x), {"g": 0.9}),
+        (lambda **x: drag_of("g*q**2 + k", **x), {"g": 0.9}),
+        (rubbed, {"g": 0.9, "k": 1.1}),
+        (bathed, {"s": 0.6}),
+    ],
+)
+def test_forces_take_values_as_data(monkeypatch, make, values):
+    """Other values give the paths of a model that is made with them, and nothing is derived again."""
+    model, theirs = make(), make(**values)
+
+    def derived(*_given):
+        raise AssertionError("derived again")
+
+    monkeypatch.setattr("symsde.model.formulas.formula_code.derived", derived)
+    other = model.with_parameters(**values)
+    found = last(other, scheme="midpoint")
+    assert np.array_equal(found, last(theirs, scheme="midpoint")) and repr(other) == repr(theirs)
+    assert not np.array_equal(found, last(model, scheme="midpoint"))
+    back = other.with_parameters(**{name: model.parameters[name] for name in values})
+    assert np.array_equal(last(back, scheme="midpoint"), last(model, scheme="midpoint"))
+    if make is drag_of:
+        wide = [ss.gradient(x, "q**2", ["q0"], **RUN, scheme="midpoint", paths=3).values["q0"] for x in (other, theirs)]
+        assert np.array_equal(*wide)
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_friction_that_vanishes():
+    """Where the rate of friction vanishes, the model has the paths of one without it."""
+    gone = rubbed().with_parameters(g=-0.7)
+    assert not gone.damping and np.array_equal(last(gone), last(rubbed(g=-0.7)))
+    assert np.array_equal(last(gone.with_parameters(g=0.5)), last(rubbed()))

@@ -171,17 +171,23 @@ def proofs(prover: Prover, forces: list[list[Any]]) -> dict[str, Any]:
     return {**found, "force_bandwidth": max(reaches, default=0)}
 
 
-def friction(prover: Prover, force: list[Any]) -> tuple[tuple[float, ...], tuple[Any, ...]] | None:
-    """The rates gamma_i and their formulas, if F is proved to be -gamma_i p_i with constants; None otherwise."""
-    rates, formulas, at = [], [], dict.fromkeys((*prover.q, *prover.p, prover.t), 0)
+def friction(prover: Prover, force: list[Any]) -> tuple[Any, ...]:
+    """Formulas of the rates gamma_i, if F is proved to be -gamma_i p_i with constants; empty otherwise."""
+    formulas, at = [], dict.fromkeys((*prover.q, *prover.p, prover.t), 0)
     for p, given in zip(prover.p, force, strict=True):
         component = prover.sympy.sympify(given)
         rate = -component.diff(p).subs(at)
         if not rate.is_finite or not prover.vanishes(component + rate * p):
-            return None
-        rates.append(float(rate.subs(prover.values)))
+            return ()
         formulas.append(rate)
-    return (tuple(rates), tuple(formulas)) if any(rates) and np.isfinite(rates).all() else None
+    return tuple(formulas)
+
+
+def _rates_at(formulas: tuple[Any, ...], values: Mapping[str, float]) -> tuple[float, ...] | None:
+    """The rates of friction for these values of the parameters; None if there are none, or all vanish."""
+    named = {f"c{k}": value for k, value in enumerate(values.values())}
+    found = tuple(float(e.subs({x: named[x.name] for x in e.free_symbols})) for e in formulas)
+    return found if any(found) and np.isfinite(found).all() else None
 
 
 @dataclass(frozen=True)
@@ -191,7 +197,7 @@ class Found:
     formulas: ForceFormulas | None = None  #: with their derivatives; None: none acts
     proved: dict[str, Any] = field(default_factory=dict)  #: arguments of `Model.forced`
     friction: tuple[float, ...] | None = None  #: rates of F = -gamma_i p_i, which is left out of the formulas
-    rates: tuple[Any, ...] = ()  #: formulas of these rates
+    rates: tuple[Any, ...] = ()  #: formulas of these rates, also where they vanish and are left in the formulas
     rows: list[list[Any]] = field(default_factory=list)  #: F, f_1 .. f_m without this friction
 
     @property
@@ -199,13 +205,20 @@ class Found:
         """Whether there are forces, or were."""
         return self.formulas is not None or bool(self.friction)
 
+    def at(self, values: Mapping[str, float]) -> Found | None:
+        """The same for other values of the parameters, of the same kind; None if it has to be derived again, as a force
+        becomes friction, or friction becomes none.
+        """
+        friction = _rates_at(self.rates, values)
+        return replace(self, friction=friction) if (friction is None) == (self.friction is None) else None
+
 
 def derive(problem: Problem, prover: Prover, forces: list[list[Any]], *, rates: bool) -> Found:
     """Derive and prove what there is of F, f_1 .. f_m; rates: whether linear friction may become rates of damping."""
-    found = friction(prover, forces[0]) if rates else None
+    formulas = friction(prover, forces[0]) if rates else ()
+    found = _rates_at(formulas, problem.parameters)
     acting = [[0] * problem.ndof, *forces[1:]] if found else forces
-    known = found or (None, ())
-    return Found(ForceFormulas(problem, acting), proofs(prover, acting), *known, acting)
+    return Found(ForceFormulas(problem, acting), proofs(prover, acting), found, formulas, acting)
 
 
 def in_python(found: Found, parameters: Mapping[str, float]) -> dict[str, Any]:

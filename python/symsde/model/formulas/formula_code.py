@@ -163,12 +163,12 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     return kinds[kind]
 
 
-def pulled(code: Code) -> dict[str, Any]:
-    """The functions of forces, with the values of the parameters."""
+def pulled(code: Code, values: dict[str, Any]) -> dict[str, Any]:
+    """The functions of forces, with these values of the parameters."""
     if code.compiled is None:
-        return _forces.in_python(code.pulls, code.parameters)
-    values = np.array(list(code.parameters.values()) or [0.0])
-    user, kept = ctypes.c_void_p(values.ctypes.data), (values, code.compiled.library)
+        return _forces.in_python(code.pulls, values)
+    table = np.array(list(values.values()) or [0.0])
+    user, kept = ctypes.c_void_p(table.ctypes.data), (table, code.compiled.library)
     there = [kind for kind in _forces.FUNCTIONS if hasattr(code.compiled.library, f"formula_{kind}")]
     return {x: callbacks.WithData(address(code.compiled, f"formula_{x}"), user, kept) for x in there}
 

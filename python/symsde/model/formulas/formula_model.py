@@ -114,9 +114,9 @@ class FormulaModel(Model):
         values = {**self._parameters, **chosen}
         rates = self._by_formula or self._varying or (self._asked if self.damping and self._asked.any() else None)
         self._require_own_friction()
-        if self._code.pulls.acts:  # what is proved of forces hangs on values
+        if self._code.pulls.acts:
             _, (given,) = self._remade
-            return self._forced_too(_made({**given, "params": values, "damping": rates}))
+            return self._forced_too(_with_forces(self._code, {**given, "params": values, "damping": rates}))
         return self._forced_too(_of_values(self._code, values, rates))
 
     def _forced_too(self, other: FormulaModel) -> FormulaModel:
@@ -316,10 +316,20 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     code = formula_code.derived(given, {})
     if not code.pulls.acts:
         return _of_values(code, code.parameters, given["damping"])
-    model = _of_values(code, code.parameters, None)
-    made = {**code.given, "params": code.parameters, "damping": None}
+    return _with_forces(code, {**given, "params": code.parameters})
+
+
+def _with_forces(code: Code, given: dict[str, Any]) -> FormulaModel:
+    """A model with forces from the arguments of `model_from_sympy`; what is proved of forces holds for all values of
+    one kind."""
+    values = given["params"]
+    pulls = code.pulls.at(values) if parameters.kind_of(values) == code.kind else None
+    if pulls is None:
+        return _made(given)
+    model = _of_values(code, values, None)
+    made = {**code.given, "params": values, "damping": None}
     model._remade = (_made, ({**made, "force": None, "noise_force": None, "bath": None},))
-    model = _acted_upon(model, code.pulls, formula_code.pulled(code), None, (_made, (made,)))
+    model = _acted_upon(model, pulls, formula_code.pulled(code, values), None, (_made, (made,)))
     if beta := given.get("bath"):
         model._derives_bath, model._bath = True, (beta,)
     return _damped(model, code, given["damping"]) if given["damping"] is not None else model

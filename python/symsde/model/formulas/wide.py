@@ -80,11 +80,10 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
             f"forces of model {model.name} are functions, and derivatives by parameters need formulas: give force= to "
             "model_from_sympy, or ask for those by q0 and p0"
         )
-    forced = code.pulls.formulas is not None
-    key = (thirds, *wanted, *(others.items() if forced else ()))  # with forces it is derived again for other values
+    key = (thirds, *wanted)
     if key not in code.wide:
         code.wide[key] = _derived(problem, code.pulls.rows, wanted, others, model.name, thirds=thirds)
-    wide = code.wide[key] if forced or not others else code.wide[key].with_parameters(**others)
+    wide = code.wide[key].with_parameters(**others) if others else code.wide[key]
     positions = Positions(wanted)
     positions.slopes = _slopes(known, wanted, names)
     return wide, positions
