@@ -307,6 +307,8 @@ def test_table_of_gradients_judges_its_rows():
 
     ns = {name: 10.0 for scheme in gradients.SCHEMES for name in (scheme, f"{scheme} forward")}
     ns |= {"stormer_verlet forward": 3.0, "numba, by hand": 9.0, "diffrax RecursiveCheckpointAdjoint": 600.0}
-    text = gradients.section({"ns": ns, "versions": ["numba 1"], "date": "2026-01-01", "cpu": "cpu"})
-    first, *_, numba, diffrax = text.splitlines()[-7:]
+    given = {"ns": ns, "versions": ["numba 1"], "date": "2026-01-01", "cpu": "cpu"}
+    text = gradients.section({**given, "sites": {"two": 1.0, "springs": 1.4}})
+    first, *_, numba, diffrax = text.split("\n\n")[2].splitlines()[-7:]
+    assert "1.4 of the time with two parameters (target <= 1.3: missed)" in text
     assert "3.33" in first and "missed" in first and "| 1.1 " in numba and "missed" in numba and "met" in diffrax
