@@ -9,6 +9,7 @@ from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeErr
 pytest.importorskip("sympy")
 
 from symsde.model.formulas import compiler
+from symsde.run.hooks import _Call
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -144,3 +145,15 @@ def test_refused():
     forced = chain().forced(force=lambda q, p, t: -q, force_derivative=lambda q, p, t: (0 * q, 0 * q))
     with pytest.raises(IncompatibleError, match="are not known beside forces"):
         ss.gradient(forced, "q_1", ["k"], **RUN)
+
+
+def test_functions_of_other_packages():
+    """The functions for torch and jax take (site,), and give derivatives of the sum over paths."""
+    given = {**RUN, "scheme": "stormer_verlet"}
+    call = _Call(chain(), "q_1**2", ["k", "s"], given, by_path=False)
+    value, of_k, _ = call.run([SPRINGS, np.array(0.3)])
+    found = ss.gradient(chain(), "q_1**2", ["k", "s"], **given)
+    assert value == found.value and of_k.shape == call.rows("k") == (SITES, 5) and call.rows("s") == (5,)
+    np.testing.assert_allclose(call.pulled(of_k, 1.0, (SITES,)), found.values["k"], rtol=1e-13)
+    with pytest.raises(WrongShapeError, match=r"k has shape \(3,\): give \(5,\)"):
+        call.run([SPRINGS[:3], np.array(0.3)])

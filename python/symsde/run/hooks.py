@@ -109,6 +109,7 @@ class _Call:
         setup = make_setup(model, **given)
         self.model, self.f, self.given, self.by_path = model, f, given, checks.flag("by_path", by_path)
         self.paths, self.ndof = setup.paths, model.ndof
+        self.known_as = dict(zip((x for x in self.names if x not in _STATES), self.known, strict=True))
 
     def in_order(self, given: tuple, named: dict[str, Any]) -> list[Any]:
         """The values of a call, in the order of wrt."""
@@ -122,7 +123,20 @@ class _Call:
     def shapes(self, name: str) -> tuple[tuple[int, ...], ...]:
         """Allowed shapes of a value."""
         n = self.ndof
-        return ((), (n,), (n, 1), (n, self.paths)) if name in _STATES else ((), (1,), (self.paths,))
+        if name in _STATES:
+            return (), (n,), (n, 1), (n, self.paths)
+        sites = self.sites(name)
+        return ((sites,),) if sites else ((), (1,), (self.paths,))
+
+    def sites(self, name: str) -> int:
+        """The number of sites for which a parameter has numbers; 0 if it has none."""
+        value = self.model.parameters.get(self.known_as.get(name))
+        return len(value) if isinstance(value, tuple) else 0
+
+    def rows(self, name: str) -> tuple[int, ...]:
+        """The shape of derivatives of each path."""
+        many = self.ndof if name in _STATES else self.sites(name)
+        return (many, self.paths) if many else (self.paths,)
 
     def check(self, name: str, shape: Sequence[int]) -> None:
         """Refuse a value of another shape."""
@@ -139,7 +153,7 @@ class _Call:
             if name in _STATES:
                 given[name] = array
             else:
-                parameters[name] = float(array.reshape(())) if array.size == 1 else array
+                parameters[name] = float(array.reshape(())) if array.shape in ((), (1,)) else array
         model = self.model.with_parameters(**parameters) if parameters else self.model
         found = gradient(model, self.f, self.names, **given)
         value = found.f if self.by_path else np.asarray(found.value)
@@ -172,10 +186,11 @@ def torch_function(
         loss = (mean(k, sigma) - 0.3) ** 2
         loss.backward()                      # k.grad, sigma.grad
 
-    The function takes the values of wrt in their order, or by name: of parameters a number or (path,), of q0 and p0 a
-    number, (dof,) or (dof, path). It is a `torch.autograd.Function`, whose backward pass is the discrete adjoint of
-    every step (`gradient`). Every call has the noise of the seed, so E f is a smooth function. It can be
-    differentiated once. Computed on the processor in double precision, returned on the device of the first value.
+    The function takes the values of wrt in their order, or by name: of parameters a number or (path,), or (site,)
+    where the model has one for each site, of q0 and p0 a number, (dof,) or (dof, path). It is a
+    `torch.autograd.Function`, whose backward pass is the discrete adjoint of every step (`gradient`). Every call has
+    the noise of the seed, so E f is a smooth function. It can be differentiated once. Computed on the processor in
+    double precision, returned on the device of the first value.
 
     - f: a formula, or a pair of functions, as for `gradient`; `torch_derivative` makes one
     - by_path: return f of each path, (path,), instead of the mean
@@ -239,11 +254,12 @@ def jax_function(
         mean = ss.jax_function(model, "q**2", ["k", "sigma"], q0=1.0, p0=0.0, step=0.05, steps=200, paths=1000)
         jax.grad(mean, argnums=(0, 1))(1.0, 0.4)
 
-    The function takes the values of wrt in their order, or by name: of parameters a number or (path,), of q0 and p0 a
-    number, (dof,) or (dof, path). It is a `jax.custom_vjp` around `jax.pure_callback`: the reverse derivative is the
-    discrete adjoint of every step (`gradient`); jax.vmap runs one value after the other. Every call has the noise of
-    the seed, so E f is a smooth function. It can be differentiated once. Computed in double precision, returned in
-    the precision of jax: single, unless jax.config.update("jax_enable_x64", True) was called.
+    The function takes the values of wrt in their order, or by name: of parameters a number or (path,), or (site,)
+    where the model has one for each site, of q0 and p0 a number, (dof,) or (dof, path). It is a `jax.custom_vjp` around
+    `jax.pure_callback`: the reverse derivative is the discrete adjoint of every step (`gradient`); jax.vmap runs one
+    value after the other. Every call has the noise of the seed, so E f is a smooth function. It can be differentiated
+    once. Computed in double precision, returned in the precision of jax: single, unless
+    jax.config.update("jax_enable_x64", True) was called.
 
     - f: a formula, or a pair of functions of NumPy, as for `gradient`; a function of jax cannot be called from inside
       of jax
@@ -265,7 +281,7 @@ def jax_function(
         kind = jax.numpy.result_type(float)
         for name, x in zip(call.names, values, strict=True):
             call.check(name, jax.numpy.shape(x))
-        rows = [(call.ndof, call.paths) if name in _STATES else (call.paths,) for name in call.names]
+        rows = [call.rows(name) for name in call.names]
         shapes = [(call.paths,) if call.by_path else (), *rows]
         out = tuple(jax.ShapeDtypeStruct(x, kind) for x in shapes)
         value, *rows = jax.pure_callback(functools.partial(host, kind), out, *values, vmap_method="sequential")
