@@ -118,8 +118,10 @@ typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, 
  * are the weights (h, dW_1 .. dW_m). functionals[0] .. [4] are dZ, areas, K, J and D, [nstep][columns][nlane]; those that
  * the scheme does not use are NULL. If all noises are silent, steps of schemes that use some are the library's.
  * functionals[5] of damped steps are gamma h and, of two or three kicks, their parts of dW, of dZ/h - dW/2 and of K, as
- * many of each. functionals[7] of a model with a quadratic part z.S z/2 are, for each drift between kicks, the rows of
- * exp(tau J S) - 1, z = (q, p), and the rows of S_qq behind all of them.
+ * many of each; from [10] on exp(-c gamma h) - 1 for c = (3 - sqrt 3)/6, 1/sqrt 3, 1, 1/2 and (3 + sqrt 3)/6,
+ * and then exp(-c gamma h).
+ * functionals[7] of a model with a quadratic part z.S z/2 are, for each drift between kicks, the rows of exp(tau J S) - 1,
+ * z = (q, p), and the rows of S_qq behind all of them.
  * max_iter bounds a solver's iterations in a step. Lanes whose status[nlane] is not 0 have failed: skip them. If a
  * lane fails, set SYMSDE_NOT_CONVERGED or another status of a path, or return values that are not finite and remain
  * so. The bits must not depend on the number of steps in one call. */

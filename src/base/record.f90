@@ -9,6 +9,7 @@ module symsde_base_record
    implicit none
    private
    public :: step_record, steps_record, step_decays, step_store, step_request, new_step_store, describe_step_store
+   public :: lost_over
 
    !> The values of one functional in one step, and in all steps of a store.
    type :: functional_values
@@ -42,7 +43,12 @@ module symsde_base_record
       real(wp) :: before = 0, after = 0          !! exp(-c z) - 1 and exp(-(1 - c) z) - 1, c being the node of the stage
       integer :: nkick = 2                       !! kicks between drifts, three at most in the catalogue's schemes
       real(wp), dimension(3) :: beta = 0, gamma = 0, eta = 0 !! their parts of dW_k, dZ_k/h - dW_k/2 and K_k
+      real(wp), dimension(5) :: lost = 0, left = 0   !! exp(-c z) - 1 and exp(-c z) for the parts c in lost_over
    end type step_decays
+
+   !> The first node of Gauss, the distance of both, a step, its half, and the second node.
+   real(wp), parameter :: lost_over(5) = [0.5_wp - sqrt(3.0_wp)/6, sqrt(3.0_wp)/3, 1.0_wp, 0.5_wp, &
+                                          0.5_wp + sqrt(3.0_wp)/6]
 
    !> Several consecutive steps, for a model that computes them itself. The model returns the states after every
    !> `every`-th step. The record is valid as long as the arrays that it points to.

@@ -321,7 +321,7 @@ def test_whole_steps():
 
 @pytest.mark.parametrize("part", [0.5, 0.51])
 def test_whole_steps_of_damped_momenta(part):
-    """A model's own midpoint steps find gamma h behind the functionals; steps that decay by 0.51 of it twice are
+    """A model's own midpoint steps find gamma h and exponentials behind the functionals; steps that decay by 0.51 of it are
     refused.
     """
     numba = pytest.importorskip("numba")
@@ -329,13 +329,14 @@ def test_whole_steps_of_damped_momenta(part):
     @numba.cfunc(ss.numba_signature("flow"))
     def flow(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, user):
         w, loss = numba.carray(w, (nstep, nham, nlane)), np.exp(-part * functionals[5][0])
+        begin, end = (functionals[5][18], 1 + functionals[5][13]) if part == 0.5 else (loss, loss)
         for i in range(nlane):
             x, y = q[i], p[i]
             for step in range(nstep):
-                y *= loss
+                y *= begin
                 dy = (w[step, 1, i] - h * (x + 0.5 * h * y)) / (1 + 0.25 * h * h)
                 x += h * (y + 0.5 * dy)
-                y = loss * (y + dy)
+                y = end * (y + dy)
                 if (step + 1) % every == 0:
                     qn[step // every * nlane + i] = x
                     pn[step // every * nlane + i] = y

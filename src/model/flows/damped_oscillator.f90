@@ -29,7 +29,6 @@
 !> which the compiler might contract either: one of the two is added to zero first.
 module symsde_model_flows_damped_oscillator
    use symsde_base_counters, only: counters_type
-   use symsde_base_damping, only: decay_less_one
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
    use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map, &
@@ -93,7 +92,7 @@ contains
 
       call count_oscillator_steps(map, steps%nstep*steps%nreal, counters)
       w => steps%w  ! a pointer that gfortran 12 knows to be contiguous, unlike the component
-      lost = losses(steps%decays%before, steps%decays%after, decay_less_one(steps%decays%z))
+      lost = losses(steps%decays%before, steps%decays%after, steps%decays%lost(3))
       associate (t => terms, h => terms%rate*steps%h)
          one_form = t%noise_a == t%noise_c .and. abs(t%a - t%c) <= 0 .and. t%noise_b == 0 .and. t%noise_e == 0
          additive = t%noise_a == 0 .and. t%noise_c == 0
@@ -102,8 +101,8 @@ contains
             if (one_form) call turns(lost, t, steps, h, w, q, p, qn, pn)
             if (.not. one_form) call midpoint(lost, t, steps, h, w, q, p, qn, pn)
          case (gauss2_map)
-            of = gauss_of(steps%decays%z)
-            if (one_form) then
+            of = gauss_of(steps%decays%lost, steps%decays%left)
+            if (t%noise_b == 0 .and. t%noise_e == 0) then
                call gauss_turns(of, t, steps, h, w, q, p, qn, pn)
             else if (additive) then
                call additive_gauss(gauss_step_of(of, h, h), t, steps, h, w, q, p, qn, pn)
@@ -178,23 +177,20 @@ contains
 
    end subroutine turns
 
-   !> The numbers of two stages of Gauss for z = gamma h.
-   pure type(gauss_terms) function gauss_of(z) result(g)
-      real(wp), intent(in) :: z
+   !> The numbers of two stages of Gauss from the decays of a step (base/record).
+   pure type(gauss_terms) function gauss_of(lost, left) result(g)
+      real(wp), intent(in) :: lost(5), left(5)
       real(wp), parameter :: ones(2) = 1
       real(wp) :: decaying(2, 2), b(2, 2), d(2), v(2), w(2), with_loss(2)
-      integer :: i, j
+      integer :: j
 
-      !GCC$ novector  ! the last bits of a vector exponential depend on the width of registers
-      do j = 1, 2
-         !GCC$ novector
-         do i = 1, 2
-            decaying(i, j) = gauss_a(i, j)*exp(-(gauss_c(i) - gauss_c(j))*z)
-         end do
-         d(j) = exp(-gauss_c(j)*z)
-      end do
+      ! Between both nodes momenta decay by left(2), and grow by its inverse on the way back.
+      decaying = gauss_a
+      decaying(2, 1) = gauss_a(2, 1)*left(2)
+      decaying(1, 2) = gauss_a(1, 2)/left(2)
+      d = left([1, 5])
       b = matmul(gauss_a, decaying)
-      g%all = decay_less_one(z)
+      g%all = lost(3)
       g%trace = b(1, 1) + b(2, 2)
       g%det = b(1, 1)*b(2, 2) - b(1, 2)*b(2, 1)
       do j = 1, 2
@@ -293,7 +289,7 @@ contains
       x = moved
    end subroutine take_gauss
 
-   !> VEC Two stages of Gauss where a = c and b = e = 0.
+   !> VEC Two stages of Gauss where b = e = 0.
    pure subroutine gauss_turns(of, t, steps, h, w, q, p, qn, pn)
       type(gauss_terms), intent(in) :: of
       include 'oscillator_steps.inc'
@@ -301,17 +297,18 @@ contains
    contains
 
       pure subroutine take(wa, wb, wc, we, x, y)
-         real(wp), value :: wa, wb, wc, we  !! the first is the third, and the others have strength zero
+         real(wp), value :: wa, wb, wc, we  !! the strengths of the second and the last are zero
          real(wp), intent(inout) :: x, y
-         real(wp) :: a, both, inverse, factor, rest, moved
+         real(wp) :: a, c, both, inverse, part, rest, moved
 
          a = h + t%a*wa
-         both = a*a
+         c = h + t%c*wc
+         both = a*c
          inverse = 1/(1 + both*(of%trace + both*of%det))
-         factor = a*((of%w1(1) + both*of%w1(2))*inverse)
+         part = (of%w1(1) + both*of%w1(2))*inverse
          rest = both*inverse
-         moved = (x + factor*y) - (rest*(of%v1(1) + both*of%v1(2)))*x
-         y = (y + (of%all - rest*(of%wd(1) + both*of%wd(2)))*y) - factor*x
+         moved = (x + (c*part)*y) - (rest*(of%v1(1) + both*of%v1(2)))*x
+         y = (y + (of%all - rest*(of%wd(1) + both*of%wd(2)))*y) - (a*part)*x
          x = moved
       end subroutine take
 

@@ -153,10 +153,12 @@ contains
       plan%decays = .true.
       associate (d => steps%decays)
          select case (equation)
-         case (euler_map, euler_adjoint_map)
-            plan%loss(1) = d%before
-            plan%loss(2) = 0
-            plan%loss(3) = d%after
+         case (euler_map)
+            plan%loss(2) = d%after
+         case (euler_adjoint_map)
+            ! the drift by momenta that have decayed
+            plan%tau(2) = plan%tau(2)*(1 + d%before)
+            plan%loss(2) = d%before
          case (verlet_map)
             plan%tau(2) = plan%tau(2)*(1 + 0.5_wp*decay_less_one(d%z))
             plan%loss(2) = decay_less_one(d%z)

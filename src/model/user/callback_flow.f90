@@ -107,7 +107,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       integer(i4), intent(out) :: code
       real(wp), contiguous, pointer :: w(:, :, :), x(:, :, :), turns(:)
-      real(wp), target :: decays(10)
+      real(wp), target :: decays(20)
       type(c_ptr) :: functionals(nfunctional + 3)
       integer :: f
 
@@ -122,6 +122,8 @@ contains
          decays(2:n + 1) = d%beta(:n)
          decays(n + 2:2*n + 1) = d%gamma(:n)
          decays(2*n + 2:3*n + 1) = d%eta(:n)
+         decays(11:15) = d%lost
+         decays(16:) = d%left
       end associate
       if (map%damped) functionals(place_of_decays) = c_loc(decays)
       turns => steps%turns

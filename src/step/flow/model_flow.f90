@@ -23,7 +23,7 @@ module symsde_step_flow_model_flow
    use symsde_base_counters, only: counters_type
    use symsde_base_maps, only: step_map, other_map, euler_map, euler_adjoint_map, verlet_map, midpoint_map
    use symsde_base_damping, only: decay_less_one, noise_of_scheme
-   use symsde_base_record, only: step_record, steps_record, step_decays
+   use symsde_base_record, only: step_record, steps_record, step_decays, lost_over
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: scheme_names
    use symsde_scheme_kicks, only: kicks_type
@@ -234,9 +234,16 @@ contains
       type(model_flow_stepper), intent(inout) :: self
       real(wp), intent(in) :: h
       type(kicks_type) :: kicks
+      integer :: i
 
       self%h = h
       self%decays = step_decays(z=self%rate*h)
+      ! Here, once for all steps, since exponentials take as long as steps, and flows are called for a few steps.
+      !GCC$ novector  ! the last bits of a vector exponential depend on the width of registers
+      do i = 1, size(lost_over)
+         self%decays%lost(i) = decay_less_one(lost_over(i)*self%decays%z)
+         self%decays%left(i) = exp(-lost_over(i)*self%decays%z)
+      end do
       if (.not. allocated(self%kicks)) then
          self%decays%before = decay_less_one(self%node*self%decays%z)
          self%decays%after = decay_less_one((1 - self%node)*self%decays%z)

@@ -36,7 +36,7 @@ enum {{ GAMMA_H = 5, TURNS = 7 }}; /* their places among functionals of symsde_f
 #if DAMPED
 #define FADE_IN , const fading fade
 #define FADE , fade
-#define FADE_OF(functionals) const fading fade = fade_of(functionals[GAMMA_H][0])
+#define FADE_OF(functionals) const fading fade = fade_of(functionals[GAMMA_H])
 #elif SPLIT
 #define FADE_IN , const double *restrict turns
 #define FADE , turns
@@ -194,7 +194,10 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
             _moves(made, "kick", "hq"),
             _moves(made, "drift", "hp"),
         ]
-        parts += [_moves(made, "glide", "hp", by_state="shrunk")] if damped and _glides(made) else []
+        if damped:
+            parts += [_moves(made, "fall_bound", "hq", kept, only="bound")]
+            parts += [_moves(made, f"kick_{terms}", "hq", only=terms) for terms in ("free", "bound")]
+            parts += [_moves(made, "glide", "hp", by_state="shrunk")] if _glides(made) else []
         parts += [f"#define GLIDES {int(_glides(made))} /* a drift by momenta that decay is one of shrunk momenta */"]
     parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _elimination("eliminate", made.problem.ndof)]
     if any(scheme.endswith(CORRECTED) for scheme in schemes):
@@ -361,17 +364,20 @@ def _glides(made: Derivatives) -> bool:
     return not _at_zero(made, moved) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
 
 
-def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = (), by_state: str = "part") -> str:
+def _moves(
+    made: Derivatives, name: str, block: str, kept: Iterable[int] = (), *, by_state: str = "part", only: str = ""
+) -> str:
     """p - part S_q or q + part S_p in place, term by term: first terms that do not depend on the state, last terms that
     depend on kept parts, so that a step waits as little as possible for the step before.
 
-    by_state: the part of terms that depend on the state.
+    by_state: the part of terms that depend on the state; only: "free", terms that do not depend on it, or "bound".
     """
     graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
     given = {**_constants(made), **{x: f"s->e[{k}]" for k, x in enumerate(kept)}}
     found = [_signed(graph, x) for x in made.outputs[block]]
     state = _above(graph, {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"})
     late = _above(graph, set(kept))
+    found = [[(minus, x) for minus, x in terms if only != ("free" if x in state else "bound")] for terms in found]
     pairs = [[(minus, *_factors(graph, x, state, given)) for minus, x in terms] for terms in found]
     writer = Writer(graph, _load, given)
     before, inside, _ = writer.lines([x for terms in pairs for _, *factors in terms for x in factors if x >= 0])

@@ -44,13 +44,7 @@ SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_I
 #if STEP_LINEAR
 enum { STEP_CHUNK = 64 };
 
-/* With decays it is not inlined: their numbers would take the registers in which the state is. */
-#if DAMPED
-static __attribute__((noinline)) void
-#else
-LANE void
-#endif
-STEP_turns(const int steps, double m[COEFFICIENTS][STEP_CHUNK], state *x) {
+LANE void STEP_turns(const int steps, double m[COEFFICIENTS][STEP_CHUNK], state *x) {
    state s = *x;
 #pragma GCC unroll 1
    for (int j = 0; j < steps; j++) {

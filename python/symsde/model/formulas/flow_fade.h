@@ -14,6 +14,7 @@ typedef struct {
 } fading;
 static const double gauss2_a[2][2] = {{0.25, -0.038675134594812866}, {0.5386751345948129, 0.25}};
 static const double gauss2_c[2] = {0.2113248654051871, 0.7886751345948129};
+static const double leg_of[4] = {0.21132486540518711, 0.57735026918962577, 1, 0.5};
 
 /* r of y (1 + s m)^{-1} x det(1 + s m) = r_0 + s r_1, where m has this trace */
 LANE void fade_row(const double y[2], const double m[2][2], const double trace, const double x[2], double r[2]) {
@@ -21,20 +22,19 @@ LANE void fade_row(const double y[2], const double m[2][2], const double trace, 
    r[1] = trace * r[0] - y[0] * (m[0][0] * x[0] + m[0][1] * x[1]) - y[1] * (m[1][0] * x[0] + m[1][1] * x[1]);
 }
 
-/* Inlined, so that steps compute the numbers alone that they use: a call of a flow has few steps of a single path. */
-LANE fading fade_of(const double z) {
-   const double legs[4] = {gauss2_c[0], gauss2_c[1] - gauss2_c[0], 1, 0.5};
-   fading f = {.whole = expm1(-z), .half = expm1(-0.5 * z)};
-   for (int i = 0; i < 4; i++) {
-      f.leg[i] = expm1(-legs[i] * z);
-      f.reach[i] = z == 0 ? legs[i] : -f.leg[i] / z;
-   }
+/* From the functional of damped steps, whose exponentials the library computes once. */
+LANE fading fade_of(const double *restrict given) {
+   /* over the first node, between both nodes, over a step, its half and the second node; the parts lost, and those left */
+   const double z = given[0], *const lost = given + 10, *const left = given + 15;
+   fading f = {.whole = lost[2], .half = lost[3], .leg = {lost[0], lost[1], lost[2], lost[3]}, .d = {lost[0], lost[4]}};
+   for (int i = 0; i < 4; i++)
+      f.reach[i] = z == 0 ? leg_of[i] : -f.leg[i] / z;
    for (int i = 0; i < 2; i++) {
-      f.d[i] = expm1(-gauss2_c[i] * z);
-      f.b[i] = 0.5 * exp(-gauss2_c[1 - i] * z);
-      for (int j = 0; j < 2; j++)
-         f.a[i][j] = i == j ? gauss2_a[i][j] : gauss2_a[i][j] * exp((gauss2_c[j] - gauss2_c[i]) * z);
+      f.b[i] = 0.5 * left[4 * (1 - i)];
+      f.a[i][i] = gauss2_a[i][i];
    }
+   f.a[1][0] = gauss2_a[1][0] * left[1];
+   f.a[0][1] = gauss2_a[0][1] / left[1];
    f.mean = 0.5 * (f.d[0] + f.d[1]);
    double both_a[2][2]; /* coefficients a of positions times those of momenta */
    for (int i = 0; i < 2; i++) {

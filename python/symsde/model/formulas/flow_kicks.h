@@ -5,7 +5,9 @@
 static const double gauss_dkdkd_law[4] = {0.5, 0.5, 1.7320508075688772, -1.7320508075688772};
 static const double verlet_kdk_law[4] = {0.5, 0.5, 1, -1};
 static const double chin4a_law[1] = {0}; /* its weights are fixed, but for those of damped steps */
+#if !DAMPED
 static const double leg_of[4] = {0.21132486540518711, 0.57735026918962577, 1, 0.5};
+#endif
 
 #if SPLIT
 /* Drift number `leg` is the flow of a quadratic part: z + X z in place of z = (q, p). Kicks are those of H at p = 0,
@@ -48,14 +50,34 @@ INLINE leap(LANE_IN, state *s, const int leg, const int far) {
 #endif
 }
 
+#if DAMPED
+/* The momenta before the first of two kicks, less what both take without looking at the state. */
+LANE state ahead_of(LANE_IN, const state *s, const int far) {
+   state free = {{0}, {0}};
+   kick_free(w, n, c, 0.5 * h FADE, &free, 1, far);
+   kick_free(w + NHAM * n, n, c, 0.5 * h FADE, &free, 1, far);
+   return kicked_ahead(s, &free);
+}
+#endif
+
 INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
    int64_t beyond = leap(LANE_OF, s, 0, far);
+#if DAMPED
+   state ahead = ahead_of(LANE_OF, s, far);
+   kick_bound(w, n, c, 0.5 * h FADE, &ahead, 1, far);
+   beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
+   beyond |= drift(LANE_OF, s, fade.reach[1], far);
+   lose_beside(fade.leg[1], &ahead, s);
+   beyond |= kick_bound(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+   return beyond | leap(LANE_OF, s, 0, far);
+#else
    beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
    soften(0.5 * h, turns, s);
    beyond |= leap(LANE_OF, s, 1, far);
    beyond |= kick(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
    soften(0.5 * h, turns, s);
    return beyond | leap(LANE_OF, s, 0, far);
+#endif
 }
 
 /* p - part h |h| sum_k H_k,qq M^-1 H_k,q: what kicks add for the mean of the second Magnus term of noises */
@@ -71,6 +93,17 @@ INLINE push(LANE_IN, state *s, const double part, const int far) {
 }
 
 INLINE verlet_kdk(LANE_IN, state *s, const int far) {
+#if DAMPED
+   state ahead = ahead_of(LANE_OF, s, far);
+   fall_bound(w, n, c, 0.5 * h FADE, &ahead, 1, far);
+   push(LANE_OF, &ahead, 1 / 12.0, far);
+   int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
+   beyond |= push(LANE_OF, s, 1 / 12.0, far);
+   beyond |= drift(LANE_OF, s, fade.reach[2], far);
+   lose_beside(fade.leg[2], &ahead, s);
+   beyond |= places(LANE_OF, s, s->e, far);
+   beyond |= fall_bound(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
+#else
    int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
    soften(0.5 * h, turns, s);
    beyond |= push(LANE_OF, s, 1 / 12.0, far);
@@ -78,6 +111,7 @@ INLINE verlet_kdk(LANE_IN, state *s, const int far) {
    beyond |= places(LANE_OF, s, s->e, far);
    beyond |= fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
    soften(0.5 * h, turns, s);
+#endif
    return beyond | push(LANE_OF, s, 1 / 12.0, far);
 }
 

@@ -4,6 +4,7 @@
  *    force, velocity   S_q, S_p
  *    slopes            S_q and S_p with S_qq, S_qp, S_pp
  *    kick, drift       p - part S_q, q + part S_p
+ *    kick_bound, kick_free, fall_bound   kick and fall by the terms that depend on the state, and by those that do not
  *    glide             q + part S_p(p + exp(-z) p)/2 where S_p is linear, for damped momenta
  *    places, fall      what S_q takes from q alone, and p - part S_q by that
  *
@@ -41,8 +42,8 @@ LANE void lose(const double part, state *s) {
 #define lose(part, s)
 #endif
 
-/* p' = p - S_q(q), q' = q + S_p(p') */
 #if SEPARABLE
+/* p' = p - S_q(q), q' = q + S_p(p') */
 INLINE symplectic_euler(LANE_IN, state *s, const int far) {
    int64_t beyond = kick(LANE_OF, s, 1, far);
    beyond |= drift(LANE_OF, s, 1, far);
@@ -57,21 +58,53 @@ INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
    return beyond | kick(LANE_OF, s, 1, far);
 }
 
+#if DAMPED
+/* Between two kicks the momenta p decay to (p + other) + part p: with S_q = n + f, where n does not depend on the state, the
+ * second kick takes its n from the momenta before the decay, beside the first kick's f. So the second kick waits for its
+ * own f and for one operation of the decay, as without damping. */
+LANE state kicked_ahead(const state *s, const state *free) {
+   state ahead = *s;
+   for (int k = 0; k < DOF; k++)
+      ahead.p[k] += free->p[k];
+   return ahead;
+}
+
+/* ahead + part p in place of p */
+LANE void lose_beside(const double part, const state *ahead, state *s) {
+   for (int k = 0; k < DOF; k++)
+      s->p[k] = FMA(part, s->p[k], ahead->p[k]);
+}
+#endif
+
 /* half a kick, a drift, half a kick; half of the drift of damped momenta is by their remaining part */
 INLINE stormer_verlet(LANE_IN, state *s, const int far) {
+#if DAMPED
+   state free = {{0}, {0}};
+   kick_free(LANE_OF, &free, 1, far);
+   state ahead = kicked_ahead(s, &free);
+   fall_bound(LANE_OF, &ahead, 0.5, far);
+#endif
    int64_t beyond = fall(LANE_OF, s, 0.5, far);
-#if DAMPED && GLIDES
+#if DAMPED
+#if GLIDES
    beyond |= glide(LANE_OF, s, 1, far);
-   lose(fade.whole, s);
-#elif DAMPED
+#else
    beyond |= drift(LANE_OF, s, 0.5, far);
-   lose(fade.whole, s);
-   beyond |= drift(LANE_OF, s, 0.5, far);
+   state lost = *s;
+   lose(fade.whole, &lost);
+   beyond |= drift(LANE_OF, &lost, 0.5, far);
+   memcpy(s->q, lost.q, sizeof s->q);
+#endif
+   lose_beside(fade.whole, &ahead, s);
 #else
    beyond |= drift(LANE_OF, s, 1, far);
 #endif
    beyond |= places(LANE_OF, s, s->e, far);
+#if DAMPED
+   return beyond | fall_bound(LANE_OF, s, 0.5, far);
+#else
    return beyond | fall(LANE_OF, s, 0.5, far);
+#endif
 }
 
 /* half a drift, a kick, half a drift */
