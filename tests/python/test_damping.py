@@ -14,7 +14,9 @@ from symsde.errors import (
     MissingOperationError,
     OutOfMemoryError,
     SceneError,
+    SymsdeError,
     WrongShapeError,
+    WrongTypeError,
 )
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
@@ -309,6 +311,57 @@ def test_scenes(tmp_path):
     file.write_text(text_of.format(model='name = "kubo"\ndamping = -1'), encoding="utf-8")
     with pytest.raises(SceneError, match=r"scene.toml: \[model\]: a rate of damping is negative"):
         scene.load(file)
+
+
+def test_gain_at_every_door(tmp_path):
+    """Negative rates are refused, and taken with allow_gain, where a model or a scene is given damping."""
+    table = "[model]\n{}\n[run]\nstep = 0.05\nsteps = 4\nq0 = 0.7\np0 = 0.3\nscheme = 'midpoint'\n"
+    file = tmp_path / "scene.toml"
+
+    def read(text, gains):
+        file.write_text(table.format(text + ("\nallow_gain = true" if gains else "")), encoding="utf-8")
+        return scene.load(file).model
+
+    def of_formulas(damping, force=None):
+        return lambda **how: ss.model_from_sympy("p**2/2 + q**2/2", damping=damping, force=force, **how)
+
+    def own(damping):
+        return lambda **how: ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p),
+                                      separable=True, identity_mass=True, damping=damping, **how)  # fmt: skip
+
+    free = ss.model_from_sympy("p**2/2 + q**2/2")
+    turning = 'name = "noncommutative_oscillator"\ns1 = 0.0\ns2 = 0.0\n'
+    doors = {
+        "damped": lambda **how: free.damped(-0.3, **how),
+        "formulas, number": of_formulas(-0.3),
+        "formulas, matrix": of_formulas([[-0.3]]),
+        "formulas, function": of_formulas(lambda t: -0.3 + 0 * t),
+        "formulas, formula": of_formulas("-0.3 + 0*q"),
+        "formulas, formula of q": of_formulas("-0.3 + q**2 - q**2*(1 + 0*t)"),
+        "friction in formulas, matrix": of_formulas([[-0.4]], force="-0.1*p - q + q"),
+        "own, number": own(-0.3),
+        "own, matrix": own([[-0.3]]),
+        "own, function": own(lambda t: -0.3 + 0 * t),
+        "scene, built-in": lambda allow_gain=False: read(turning + "damping = -0.3", allow_gain),
+        "scene, formula": lambda allow_gain=False: read('H = "p**2/2 + q**2/2"\ndamping = "-0.3"', allow_gain),
+        "scene, numbers": lambda allow_gain=False: read('H = "p**2/2 + q**2/2"\ndamping = [-0.3]', allow_gain),
+    }
+    given = {"q0": 0.7, "p0": 0.3, "step": 0.005, "steps": 400, "save_every": 400, "scheme": "midpoint", "paths": 1}
+    # q'' = .3 q' - q
+    turn = np.sqrt(1 - 0.15**2)
+    q = np.exp(0.3) * (0.7 * np.cos(2 * turn) + (0.3 - 0.15 * 0.7) / turn * np.sin(2 * turn))
+    for name, door in doors.items():
+        run = ss.simulate(door(allow_gain=True), **given)
+        assert run.report.status == 0, name
+        assert run.q[-1, 0, 0] == pytest.approx(q, abs=2e-5), name
+        with pytest.raises(SymsdeError):
+            assert ss.simulate(door(), **given).report.status == 0, name
+    with pytest.raises(SceneError, match="allow_gain = True says that rates may be negative: give damping"):
+        read(turning, gains=True)
+    with pytest.raises(WrongTypeError, match="allow_gain"):
+        of_formulas(-0.3)(allow_gain="yes")
+    again = pickle.loads(pickle.dumps(doors["formulas, formula of q"](allow_gain=True)))
+    np.testing.assert_allclose(ss.simulate(again, **given).q[-1], q, rtol=0, atol=2e-5)
 
 
 def test_refusals():

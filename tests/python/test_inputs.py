@@ -75,6 +75,7 @@ VALUES = {
     "groups": np.array([4, 0, 4]),
     "progress": OMITTED,
     "damping": np.array([0.5]),
+    "allow_gain": True,
     "force": lambda q, p, t: -p,
     "force_derivative": lambda q, p, t: (0 * q[None], 0 * q[None] - 1),
     "noise_force": lambda q, p, t: np.array([q**2]),

@@ -14,7 +14,7 @@ from ..native import checks
 from ..run.groups import Grid, Groups, groups_of_points, groups_of_rows
 from ..run.states.table import read_table
 
-_NOT_PARAMETERS = {"name", "thermostat", "damping"}  #: keys of a built-in model beside its parameters
+_NOT_PARAMETERS = {"name", "thermostat", "damping", "allow_gain"}  #: keys of a built-in model beside its parameters
 
 
 def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[dict[str, Any], Groups | None]:

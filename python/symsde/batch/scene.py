@@ -222,13 +222,18 @@ def _known(file: str, what: str, given: dict, known: list[str]) -> None:
 
 def _model(file: str, table: dict[str, Any]) -> Model:
     own = "python" in table  # the function gets all other keys
-    damping, bath = (None if own else table.pop(key, None) for key in ("damping", "thermostat"))
+    damping, bath, gains = (None if own else table.pop(key, None) for key in ("damping", "thermostat", "allow_gain"))
+    if gains is not None and damping is None:
+        raise SceneError(
+            f"{file}: [model] allow_gain = {checks.shown(gains)} says that rates may be negative: give damping"
+        )
+    gains = {} if gains is None else {"allow_gain": gains}
     if "H" in table and formulas.holds_formulas(damping):  # which may hold parameters of the model
-        table, damping = {**table, "damping": damping}, None
+        table, damping, gains = {**table, "damping": damping, **gains}, None, {}
     model = _own_model(file, table) if "H" in table or own else _built_in(file, table)
     try:
         if damping is not None:
-            model = model.damped(damping)
+            model = model.damped(damping, **gains)
         return model if bath is None else thermostat(model, **_bath(file, bath))
     except SceneError:
         raise
@@ -253,7 +258,7 @@ def _built_in(file: str, table: dict[str, Any]) -> Model:
         known = ", ".join(models.names())
         raise SceneError(f"{file}: [model] lacks name, a text: there are {known}; or give H, a formula")
     try:
-        _known(file, "key of [model]", table, [*models.parameters(name), "damping", "thermostat"])
+        _known(file, "key of [model]", table, [*models.parameters(name), "damping", "allow_gain", "thermostat"])
         return models.get(name, **table)
     except SceneError:
         raise

@@ -91,7 +91,8 @@ class Model(OpenSystem):
     which does so for any model.
 
     ``damping`` damps the momenta, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom; or
-    it is friction on velocities, by a matrix, or a function of (q, t). See `damped`, which does so for any model.
+    it is friction on velocities, by a matrix, or a function of (q, t); negative rates, which feed energy in, need
+    ``allow_gain``. See `damped`, which does so for any model.
     """
 
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Set by models of
@@ -136,6 +137,7 @@ class Model(OpenSystem):
         any_lanes: bool | None = None,
         derived: bool = False,
         damping: Any = None,
+        allow_gain: bool = False,
         force: Any = None,
         force_derivative: Any = None,
         noise_force: Any = None,
@@ -170,7 +172,7 @@ class Model(OpenSystem):
         if any_lanes is None:
             any_lanes = callbacks.takes_any_lanes([*functions.values(), *flows.values()])
         any_lanes = checks.flag("any_lanes", any_lanes) and "Python" not in kinds
-        derived = checks.flag("derived", derived)
+        derived, gains = checks.flag("derived", derived), checks.flag("allow_gain", allow_gain)
         given = {**functions, **arguments(told), "split": parted, "kicks": kicks}
         given |= {"derived": derived, "name": name, "traits": traits}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
@@ -194,7 +196,7 @@ class Model(OpenSystem):
         if forces:
             self._force(copied(self), forces)
         if damping is not None:
-            self._damp(copied(self), damping, allow_gain=False)
+            self._damp(copied(self), damping, gains)
 
     @classmethod
     def builtin(cls, name: str, parameters: Mapping[str, Any]) -> Model:

@@ -149,6 +149,7 @@ class FormulaModel(Model):
         if self._friction:
             varying = rates_of(damping, each, allow_gain, self.ndof)
             if varying or np.ndim(damping) == 2:  # the force stays one
+                super().damped(damping, allow_gain=allow_gain, each=each)  # refuses damping that no model takes
                 make, (given,) = self._remade
                 return make({**given, "damping": varying or damping})
         other = super().damped(damping, allow_gain=allow_gain, each=each)
@@ -210,6 +211,7 @@ def model_from_sympy(
     n: int | None = None,
     ends: str = "free",
     damping: Any = None,
+    allow_gain: bool = False,
     force: Any = None,
     noise_force: Any = None,
     split: Any = None,
@@ -238,6 +240,7 @@ def model_from_sympy(
       ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3
     - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom, or
       formulas gamma(q, t) such as "g0*(1 + q**2)", or a symmetric matrix of friction on velocities; see `Model.damped`
+    - allow_gain: whether rates of damping, or eigenvalues of friction, may be negative, which feeds energy in
     - force: F(q, p, t), one formula for each degree of freedom, which act as dp = .. + F dt; noise_force: for each
       noise a list f_k(q, p, t) of as many, dp = .. + f_k o dW_k. See `Model.forced`. An F that is proved to be
       -gamma_i p_i with constants becomes damping
@@ -252,7 +255,9 @@ def model_from_sympy(
     Values of parameters are passed to it when it runs. ``model.formula`` describes all of this. An InvalidArgumentError
     quotes the formula that is wrong. All quantities are dimensionless.
     """
-    damping = _rates.asked(damping)
+    allow_gain = checks.flag("allow_gain", allow_gain)
+    damping = _rates.asked(damping, allow_gain=allow_gain)
+    by_formulas = isinstance(damping, _rates.Asked)
     given = {
         "H": H,
         "noise": noise,
@@ -263,7 +268,7 @@ def model_from_sympy(
         "invariants": invariants,
         "n": n,
         "ends": ends,
-        "damping": damping,
+        "damping": damping if by_formulas else None,
         "force": force,
         "noise_force": noise_force,
         "split": split,
@@ -271,9 +276,11 @@ def model_from_sympy(
     }
     given = matrices.in_symbols(given)
     model = _made(given)
+    if not (by_formulas or damping is None):
+        model = model.damped(damping, allow_gain=allow_gain)
     _warn_of_kinks(model)
     acting = [x for row in _forces.rows_of(given["force"], given["noise_force"]) for x in row]
-    acting += damping.formulas if isinstance(damping, _rates.Asked) else ()
+    acting += damping.formulas if by_formulas else ()
     others = (x for key in ("noise", "invariants", "split") for x in several(key, given[key]))
     _warn_of_unused(params, [given["H"], *others, *acting])
     return model

@@ -9,7 +9,7 @@ omega = 2.0
 sigma = 0.2
 
 Beside H there may be force, F_1 .. F_n, and noise_force, a list of as many for each noise, and damping, rates of the
-momenta, and split, a quadratic part of H whose flow is exact.
+momenta, which may be negative with allow_gain = true, and split, a quadratic part of H whose flow is exact.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ KEYS = [
     "force",
     "noise_force",
     "damping",
+    "allow_gain",
     "split",
 ]
 _LISTS = ("noise", "q", "p", "invariants", "force", "noise_force")
@@ -85,6 +86,6 @@ def from_table(table: dict[str, Any]) -> Model:
         texts = value if isinstance(value, list) else [value]
         if key == "noise_force":  # a list for each noise
             texts = [x for row in texts for x in (row if isinstance(row, list) else [row])]
-        if key not in ("params", "n", "damping") and not all(isinstance(x, str) for x in texts):
+        if key not in ("params", "n", "damping", "allow_gain") and not all(isinstance(x, str) for x in texts):
             raise InvalidArgumentError(f"{key} = {checks.shown(value)}: write formulas and names as text, in quotes")
     return model_from_sympy(**table)
