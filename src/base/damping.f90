@@ -27,7 +27,7 @@ module symsde_base_damping
    end interface new_damping
 
    character(*), parameter :: door_of_gain = &
-                              'allow gain where damping is set (model.damped(.., allow_gain=True) in Python)'
+                              'allow gain where damping is set (allow_gain=True in Python, allow_gain = true in TOML)'
    integer, parameter :: largest_friction = 512   !! degrees of freedom up to which a matrix is taken
 
    !> How kicks between decaying drifts get the noise of free motion (noise/decay_law).

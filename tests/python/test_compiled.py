@@ -321,8 +321,8 @@ def test_whole_steps():
 
 @pytest.mark.parametrize("part", [0.5, 0.51])
 def test_whole_steps_of_damped_momenta(part):
-    """A model's own midpoint steps find gamma h and exponentials behind the functionals; steps that decay by 0.51 of it are
-    refused.
+    """A model's own midpoint steps find gamma h and exponentials behind the functionals; steps that decay by other
+    parts are refused.
     """
     numba = pytest.importorskip("numba")
 

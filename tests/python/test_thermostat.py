@@ -10,6 +10,7 @@ import pytest
 import symsde as ss
 from symsde.batch import scene
 from symsde.errors import IncompatibleError, InvalidArgumentError, OwnNoiseWarning, SceneError, WrongShapeError
+from symsde.model import thermostat
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 
@@ -284,6 +285,39 @@ def test_two_temperatures():
                      observables={"one": lambda q, p: p[0] ** 2, "two": lambda q, p: p[1] ** 2})  # fmt: skip
     for name, expected in (("one", 1.0), ("two", 0.25)):
         assert abs(run.mean[name][-1] - expected) < 4.9 * run.se_mean[name][-1] + 1e-4 * expected
+
+
+def test_baths_of_formulas_take_whole_steps():
+    """Baths of formulas are formulas: whole steps on the same paths as with the noises that the library adds, for
+    masses, several temperatures, noises of their own and other names."""
+    plane = ss.model_from_sympy("u**2/(2*m) + v**2/6 + (x**2 - 1)**2*(1 + y**2)", q="x y", p="u v", params={"m": 2.0})
+    noisy = ss.model_from_sympy("p**2/2 + q**4/4", noise=["s*cos(q)"], params={"s": 0.3})
+    taken = ss.model_from_sympy("bath_1*p**2/2 + q**4/4", params={"bath_1": 1.0})
+    for model, bath, whole in (
+        (OSCILLATOR, {"beta": 2.0, "gamma": RATE}, True),
+        (plane, {"beta": [1.0, 3.0], "gamma": RATE}, True),
+        (plane, {"beta": 1.0, "gamma": [0.0, RATE]}, False),
+        (noisy, {"beta": 1.0, "gamma": 0.5}, True),
+        (taken, {"beta": 1.0, "gamma": 0.5}, False),
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", OwnNoiseWarning)
+            mine = ss.thermostat(model, **bath)
+        rates, betas = (np.broadcast_to(bath[key], model.ndof) for key in ("gamma", "beta"))
+        other = thermostat._noisy(model, tuple(rates), tuple(betas)).damped(rates)
+        given = {"q0": 0.4, "p0": -0.2, "step": 0.1, "steps": 12, "seed": 3, "paths": 20}
+        for scheme in ("chin4a", "stormer_verlet"):
+            found, known = (ss.simulate(x, scheme=scheme, **given) for x in (mine, other))
+            assert ("whole" in found.report.stepper) == whole
+            np.testing.assert_allclose(found.q, known.q, rtol=0, atol=2e-13)
+            np.testing.assert_allclose(found.p, known.p, rtol=0, atol=2e-13)
+    assert list(mine._bath) == [1.0]
+    bathed = ss.thermostat(plane, beta=1.0, gamma=RATE)
+    with pytest.raises(IncompatibleError, match="change the parameters of the model without friction"):
+        bathed.with_parameters(m=3.0)
+    again = pickle.loads(pickle.dumps(bathed))
+    runs = [ss.simulate(x, q0=0.4, p0=-0.2, step=0.1, steps=5, seed=3, scheme="chin4a") for x in (bathed, again)]
+    np.testing.assert_array_equal(runs[0].p, runs[1].p)
 
 
 def test_temperatures():

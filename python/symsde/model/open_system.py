@@ -197,6 +197,10 @@ class OpenSystem:
         other = other.damped(self._asked, allow_gain=True)
         return other._in_bath(self._bath, self._fluctuating) if self._bath else other
 
+    def _with_constant_forces(self, _strengths: np.ndarray) -> Self | None:
+        """This model with noises -s_i q_i behind its own, if that is faster than what the library adds."""
+        return None
+
     def _in_bath(self, beta: tuple[float, ...], fluctuating: bool) -> Self:
         """This new model, with what is known of the bath that its friction and noises are."""
         self._bath, self._fluctuating = beta, fluctuating

@@ -45,7 +45,11 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
     if gamma is None:
         return _by_own_noises(model, beta)
     rates, betas = (_one_or_each(key, value, model.ndof) for key, value in (("gamma", gamma), ("beta", beta)))
-    bathed = _noisy(model, rates, betas).damped(rates)._in_bath(betas, fluctuating=False)
+    noisy = _noisy(model, rates, betas)
+    own = _by_formulas(model, rates, betas)
+    if own is not None:
+        own._hamiltonians = noisy._hamiltonians
+    bathed = (own or noisy).damped(rates)._in_bath(betas, fluctuating=own is not None)
     if model.traits.acting:
         checks.warn(
             f"model {model.name} has noises of its own, which heat it beside the bath: its temperature is above "
@@ -153,6 +157,14 @@ def diagonal_masses(model: Model) -> np.ndarray | None:
     inverse = model.hessian(np.cos(1.0 + np.arange(float(model.ndof))), 0.3)[2][:, :, 0]
     diagonal = np.diag(inverse)
     return None if np.abs(inverse - np.diag(diagonal)).max() > _TOLERANCE * diagonal.max() else 1 / diagonal
+
+
+def _by_formulas(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> Model | None:
+    """A model with the noises of its bath, without the friction, if its formulas have whole steps with them."""
+    masses = diagonal_masses(model)
+    if masses is None or len({*gamma}) > 1:  # whole steps have one rate
+        return None
+    return model._with_constant_forces(np.sqrt(2 * np.array(gamma) * masses / np.array(beta)))
 
 
 def _noisy(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> Model:

@@ -28,7 +28,7 @@ from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
 from .formula_code import Code, Formula
-from .named_formulas import MAX_DOF, named, quoted, several, unused
+from .named_formulas import MAX_DOF, default_names, named, quoted, several, unused
 from .parse import folded
 from .sites import Chain, by_site
 
@@ -154,6 +154,21 @@ class FormulaModel(Model):
                 return make({**given, "damping": varying or damping})
         other = super().damped(damping, allow_gain=allow_gain, each=each)
         return other._with_friction(self._friction, self._remade) if self._friction else other
+
+    def _with_constant_forces(self, strengths: np.ndarray) -> FormulaModel | None:
+        """By formulas, if these have whole steps: the noises are derived and compiled with the model."""
+        code = self._code
+        if self._forces or self.paths or not (code.compiled and code.whole_steps):
+            return None
+        make, (given,) = self._remade
+        texts = [x for x in (given["H"], *given["noise"], *given["invariants"]) if isinstance(x, str)]
+        places = [str(x) for x in given["q"] or named("q", default_names("q", texts))]
+        names = [f"bath_{i + 1}" for i in range(len(places))]
+        if len(places) != self.ndof or not all(x.isidentifier() for x in places) or {*names} & {*self._parameters}:
+            return None
+        noise = [*given["noise"], *(f"-{x}*{place}" for x, place in zip(names, places, strict=True))]
+        values = dict(zip(names, np.broadcast_to(strengths, self.ndof).tolist(), strict=True))
+        return make({**given, "noise": noise, "params": {**given["params"], **values}})
 
     def _damped_from(self, rates: np.ndarray) -> Callable[[], ModelHandle]:
         """As of every model; with one rate its whole steps decay, by code of their own."""

@@ -90,8 +90,8 @@ def make_problem(*, H, noise, q, p, params, t, invariants=(), most=MAX_DOF) -> P
         )
     candidates = several("invariants", invariants)
     texts = [x for x in (*given, *candidates) if isinstance(x, str)]
-    coordinates = {"q": named("q", _found("q", texts) if q is None else q)}
-    coordinates["p"] = named("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
+    coordinates = {"q": named("q", default_names("q", texts) if q is None else q)}
+    coordinates["p"] = named("p", default_names("p", texts, len(coordinates["q"])) if p is None else p)
     ndof = len(coordinates["q"])
     if ndof == 0 or len(coordinates["p"]) != ndof:
         raise InvalidArgumentError(
@@ -114,7 +114,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=(), most=MAX_DOF) -> P
     )
 
 
-def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]:
+def default_names(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]:
     """Default names of coordinates: q1, q2, .. if the texts contain such names, else q."""
     numbers = {x[1:] for text in texts for x in names_in(text) if x[0] == letter and x[1:].isdecimal()}
     last = max([count if count > 1 else 0, *(int(x) for x in numbers if len(x) <= 6)])
