@@ -81,8 +81,8 @@ class FormulaModel(Model):
             )
 
     def _is_finite_at(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> bool:
-        """Whether the compiled functions are finite at the state, and their squares, too. They are called directly:
-        through the library it took longer.
+        """Whether the compiled functions are finite at the state. They are called directly: through the library it
+        took longer.
         """
         if self._direct is None:
             return False
@@ -91,7 +91,7 @@ class FormulaModel(Model):
         at = 1, self.ndof, self.nnoise + 1, t0, *map(checks.address, (w, q0, p0))
         hq = checks.address(found)
         hp, energy = hq + found.itemsize * self.ndof, hq + 2 * found.itemsize * self.ndof
-        return not (gradient(*at, hq, hp, user) or value(*at, energy, user)) and math.isfinite(found.dot(found))
+        return not (gradient(*at, hq, hp, user) or value(*at, energy, user)) and bool(np.isfinite(found).all())
 
     def _quoted(self) -> str:
         texts = (f"{'H' if j == 0 else f'H_{j}'} = {quoted(h)}" for j, h in enumerate(self.formula.hamiltonians[:4]))
