@@ -197,6 +197,7 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
         if damped:
             parts += [_moves(made, "fall_bound", "hq", kept, only="bound")]
             parts += [_moves(made, f"kick_{terms}", "hq", only=terms) for terms in ("free", "bound")]
+            parts += [f"#define FREE_KICKS {int(_kicks_freely(made))} /* whether kick_free has terms */"]
             parts += [_moves(made, "glide", "hp", by_state="shrunk")] if _glides(made) else []
         parts += [f"#define GLIDES {int(_glides(made))} /* a drift by momenta that decay is one of shrunk momenta */"]
     parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _elimination("eliminate", made.problem.ndof)]
@@ -364,6 +365,17 @@ def _glides(made: Derivatives) -> bool:
     return not _at_zero(made, moved) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
 
 
+def _kicks_freely(made: Derivatives) -> bool:
+    """Whether the force has terms that do not depend on the state."""
+    state = _above(made.graph, _coordinates(made.graph))
+    return any(x not in state for node in made.outputs["hq"] for _, x in _signed(made.graph, node))
+
+
+def _coordinates(graph: Graph) -> set[int]:
+    """The leaves that are q or p."""
+    return {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"}
+
+
 def _moves(
     made: Derivatives, name: str, block: str, kept: Iterable[int] = (), *, by_state: str = "part", only: str = ""
 ) -> str:
@@ -375,7 +387,7 @@ def _moves(
     graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
     given = {**_constants(made), **{x: f"s->e[{k}]" for k, x in enumerate(kept)}}
     found = [_signed(graph, x) for x in made.outputs[block]]
-    state = _above(graph, {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"})
+    state = _above(graph, _coordinates(graph))
     late = _above(graph, set(kept))
     found = [[(minus, x) for minus, x in terms if only != ("free" if x in state else "bound")] for terms in found]
     pairs = [[(minus, *_factors(graph, x, state, given)) for minus, x in terms] for terms in found]

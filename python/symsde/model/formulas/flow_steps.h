@@ -64,7 +64,7 @@ INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
  * own f and for one operation of the decay, as without damping. */
 LANE state kicked_ahead(const state *s, const state *free) {
    state ahead = *s;
-   for (int k = 0; k < DOF; k++)
+   for (int k = 0; FREE_KICKS && k < DOF; k++)
       ahead.p[k] += free->p[k];
    return ahead;
 }
