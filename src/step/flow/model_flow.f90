@@ -35,7 +35,7 @@ module symsde_step_flow_model_flow
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_open_kick_law, only: give_law
    use symsde_step_open_linear_flow, only: linear_flow, new_linear_flow, hamiltonian_field
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: model_flow_stepper, find_flow
@@ -159,7 +159,7 @@ contains
          end associate
       end if
       self%max_iter = task%newton%max_iter
-      self%most_single = 1
+      self%most_single = few_of(task%model%traits%ndof, 1, 3)  ! four: .7 to 1.3 of a block's time
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)  ! added by the flow
