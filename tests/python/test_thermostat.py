@@ -292,13 +292,17 @@ def test_baths_of_formulas_take_whole_steps():
     masses, several temperatures, noises of their own and other names."""
     plane = ss.model_from_sympy("u**2/(2*m) + v**2/6 + (x**2 - 1)**2*(1 + y**2)", q="x y", p="u v", params={"m": 2.0})
     noisy = ss.model_from_sympy("p**2/2 + q**4/4", noise=["s*cos(q)"], params={"s": 0.3})
-    taken = ss.model_from_sympy("bath_1*p**2/2 + q**4/4", params={"bath_1": 1.0})
+    taken = [
+        ss.model_from_sympy("bath_1*p**2/2 + q**4/4", params={"bath_1": 1.0}),
+        *(ss.model_from_sympy(f"{p}**2/2 + {q}**4/4", q=q, p=p) for q, p in (("bath_1", "v"), ("x", "bath_1"))),
+        ss.model_from_sympy("p**2/2 + q**4*(1 + cos(bath_1))/4", t="bath_1"),
+    ]
     for model, bath, whole in (
         (OSCILLATOR, {"beta": 2.0, "gamma": RATE}, True),
         (plane, {"beta": [1.0, 3.0], "gamma": RATE}, True),
         (plane, {"beta": 1.0, "gamma": [0.0, RATE]}, False),
         (noisy, {"beta": 1.0, "gamma": 0.5}, True),
-        (taken, {"beta": 1.0, "gamma": 0.5}, False),
+        *((x, {"beta": 1.0, "gamma": 0.5}, False) for x in taken),
     ):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OwnNoiseWarning)

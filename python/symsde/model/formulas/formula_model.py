@@ -164,7 +164,8 @@ class FormulaModel(Model):
         texts = [x for x in (given["H"], *given["noise"], *given["invariants"]) if isinstance(x, str)]
         places = [str(x) for x in given["q"] or named("q", default_names("q", texts))]
         names = [f"bath_{i + 1}" for i in range(len(places))]
-        if len(places) != self.ndof or not all(x.isidentifier() for x in places) or {*names} & {*self._parameters}:
+        taken = {*self._parameters, *places, *map(str, given["p"] or ()), str(given["t"])}
+        if len(places) != self.ndof or not all(x.isidentifier() for x in places) or taken & {*names}:
             return None
         noise = [*given["noise"], *(f"-{x}*{place}" for x, place in zip(names, places, strict=True))]
         values = dict(zip(names, np.broadcast_to(strengths, self.ndof).tolist(), strict=True))
