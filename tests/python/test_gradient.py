@@ -13,6 +13,7 @@ from symsde.errors import (
     WrongShapeError,
     WrongTypeError,
 )
+from symsde.native import abi, callbacks
 from symsde.run import gradient as module
 
 RUN = {"q0": 0.7, "p0": 0.3, "step": 0.1, "steps": 30, "paths": 20, "seed": 3}
@@ -364,18 +365,27 @@ def test_friction_that_becomes_damping():
             ss.gradient(rubbed(**made, g=0.0), "q**2", ["g"], **RUN, scheme=scheme)
 
 
-def test_friction_of_baths():
-    """The friction of a bath belongs to its noises and masses: derivatives by their parameters are refused."""
+@pytest.mark.filterwarnings("ignore::symsde.errors.OwnNoiseWarning")
+def test_baths():
+    """Rates that belong to noises and masses change with them; noises that the bath brings change with masses."""
 
-    def heavy(**values):
+    def heavy(gamma=None, **values):
         params = {"k": 1.3, "m": 1.5, "s": 0.5} | values
-        return ss.thermostat(ss.model_from_sympy("p**2/(2*m) - k*cos(q)", ["s*q"], params=params), beta=1.0)
+        model = ss.model_from_sympy("p**2/(2*m) - k*cos(q)", ["s*m*q"], params=params)
+        return ss.thermostat(model, beta=1.0, gamma=gamma)
 
-    for name in ("s", "m"):
-        for call in (ss.tangent, lambda model, names, **run: ss.gradient(model, "q", names, **run)):
-            with pytest.raises(IncompatibleError, match=f"bath of model formula changes with {name}, and derivatives"):
-                call(heavy(), [name], **RUN)
-    require_gradient(heavy, "q**2", ["k"], scheme="midpoint")
+    def pair(**values):
+        params = {"k": 1.3, "s": 0.5} | values
+        h = "p1**2/2 + p2**2/2 - k*cos(q1) + q2**2/2 + q1**2*q2**2/4"
+        return ss.thermostat(ss.model_from_sympy(h, ["s*sin(q1)"], params=params), beta=2.0, gamma=[0.2, 0.5])
+
+    for scheme in ("midpoint", "stormer_verlet"):
+        require_gradient(heavy, "q**2", ["k", "s", "m"], scheme=scheme)
+        require_gradient(lambda **x: heavy(0.3, **x), "q**2", ["k", "s"], scheme=scheme)
+        require_gradient(pair, "q_1*p_2", ["k", "s"], scheme=scheme, steps=10)
+    for call in (ss.tangent, lambda model, names, **run: ss.gradient(model, "q", names, **run)):
+        with pytest.raises(IncompatibleError, match="the noises of the bath of model formula would change with m"):
+            call(heavy(0.3), ["m"], **RUN)
 
 
 def drag(**values):
@@ -401,16 +411,40 @@ def test_forces(scheme):
         require_tangent(model, ["g", "k"], scheme=scheme, steps=10)
 
 
+def _compiled_drag():
+    """The force -p^3 and its derivatives, as compiled functions have them."""
+
+    def made(kind, terms):
+        def called(n, ndof, nham, _t, w, _q, p, *out):
+            weights, momenta = view(w, (nham, n)), view(p, (ndof, n))
+            for address, x in zip(out, terms(weights, momenta), strict=False):
+                view(address, x.shape)[...] = x
+            return 0
+
+        return abi.CALLBACKS[kind](called)
+
+    view = callbacks.view.__wrapped__
+    return {
+        "force": made("force", lambda w, p: [-w[:1] * p**3]),
+        "force_derivative": made("force_derivative", lambda w, p: [0 * p[np.newaxis], -3 * w[0] * p[np.newaxis] ** 2]),
+    }
+
+
 def test_forces_that_are_functions():
     """Forces given as functions have derivatives by the state if they give theirs."""
     slopes = {"force_derivative": lambda q, p, t: (0 * q[np.newaxis], -3 * p[np.newaxis] ** 2)}
-    forced = pendulum().forced(force=lambda q, p, t: -(p**3), **slopes)
+    forces = {"force": lambda q, p, t: -(p**3), **slopes}
+    forced = pendulum().forced(**forces)
     formulas = ss.model_from_sympy("p**2/2 - 1.3*cos(q)", ["0.4*sin(q)", "-0.3*q"], force="-p**3")
     mine, theirs = (ss.gradient(x, "q*p", **RUN, scheme="midpoint") for x in (forced, formulas))
     for name in ("q0", "p0"):
         np.testing.assert_allclose(mine.by_path[name], theirs.by_path[name], rtol=1e-9)
-    with pytest.raises(IncompatibleError, match="are functions, and derivatives by parameters need formulas"):
-        ss.gradient(forced, "q", ["k"], **RUN)
+    compiled = _compiled_drag()
+    for scheme in ("midpoint", "stormer_verlet"):
+        run = {"scheme": scheme, "steps": 10}
+        require_gradient(lambda **x: pendulum(**x).forced(**forces), "q*p", ["k", "sigma"], **run)
+        mine, theirs = (ss.gradient(pendulum().forced(**x), "q*p", ["k"], **RUN, scheme=scheme) for x in (forces, compiled))
+        np.testing.assert_allclose(mine.by_path["k"], theirs.by_path["k"], rtol=1e-12)
     pushed = ss.model_from_sympy("p**2/2 - 1.3*cos(q)", ["0.4*sin(q)"], force="-0.2*q")
     with pytest.raises(IncompatibleError, match="forces act between the drifts"):
         ss.gradient(pushed, "q", **RUN, scheme="gauss_dkdkd")

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeError
+from symsde.errors import IncompatibleError, WrongShapeError
 
 pytest.importorskip("sympy")
 
@@ -135,16 +135,110 @@ def test_fit():
     assert found.columns == tuple(f"k[{i}]" for i in range(SITES)) and found.values["k"].shape == (SITES,)
 
 
-def test_refused():
-    """Functions of sums, and forces beside sums, know no derivatives by parameters."""
-    model = ss.model_from_sympy("Sum(p[i]**2/2, i) + J*Sum(q[i], i)**2", ["s*q[k]"], n=4, params={"J": 0.3, "s": 0.2})
-    run = {"q0": 0.5, "p0": 0.0, "step": 0.1, "steps": 2, "scheme": "stormer_verlet"}
-    with pytest.raises(InvalidArgumentError, match="J: derivatives by parameters are not known beside functions of"):
-        ss.gradient(model, "q_1", ["J"], **run)
-    ss.gradient(model, "q_1", ["q0"], **run)
-    forced = chain().forced(force=lambda q, p, t: -q, force_derivative=lambda q, p, t: (0 * q, 0 * q))
-    with pytest.raises(IncompatibleError, match="are not known beside forces"):
-        ss.gradient(forced, "q_1", ["k"], **RUN)
+def by_differences(make, begin=lambda h: {}, **run):
+    """Derivative of q_1^2 + q_3 p_2 of each path, by the runs themselves; make(h), or begin(h), is moved by h."""
+
+    def f(h):
+        found = ss.simulate(make(h), **run | begin(h))
+        return found.last_q[0] ** 2 + found.last_q[2] * found.last_p[1]
+
+    return sum(x / 3e-3 * (f(i * 3e-3) - f(-i * 3e-3)) for i, x in STENCIL)
+
+
+def require_right(make, values, names, **run):
+    """Derivatives by numbers, and by the third site of arrays, are right to 1e-9 of differences."""
+    found = ss.gradient(make(), "q_1**2 + q_3*p_2", [*names, "q0"], **run)
+    right = by_differences(lambda h: make(), lambda h: {"q0": run["q0"] + h * np.eye(SITES)[1]}, **run)
+    assert abs(found.by_path["q0"][1] - right).max() < 1e-9 * abs(right).max()
+    for name in names:
+        here = values[name]
+        step = np.eye(SITES)[2] if np.ndim(here) else 1.0
+        right = by_differences(lambda h: make(**{name: here + h * step}), **run)  # noqa: B023
+        mine = found.by_path[name][2] if np.ndim(here) else found.by_path[name]
+        assert abs(right).max() > 1e-4 and abs(mine - right).max() < 1e-9 * max(abs(right).max(), 0.1), name
+
+
+COUPLED = {"J": 0.3, "a": 0.4, "s": 0.2, "k": SPRINGS}
+
+
+def coupled(**values):
+    """Functions of sums in H and in a noise, with parameters inside and outside of the sums."""
+    H = "Sum(p[i]**2/2 + k[i]*q[i]**2/2, i) + J*Sum(k[i]*q[i], i)**2 + a*sin(a*Sum(cos(q[i]), i)/5)"
+    noise = ["s*q[j]", "0.3*a*exp(J*Sum(q[i], i)/5)"]
+    return ss.model_from_sympy(H, noise, n=SITES, params=COUPLED | values)
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2", "gauss_dkdkd"])
+def test_functions_of_sums(scheme):
+    """Parameters of functions of sums are sums of one term."""
+    run = RUN | {"scheme": scheme}
+    require_right(coupled, COUPLED, list(COUPLED), **run)
+    maps, found = ss.tangent(coupled(), ["J", "k"], **run), ss.gradient(coupled(), "q_1", ["J", "k"], **run)
+    np.testing.assert_allclose(maps.by["J"][0], found.by_path["J"], rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(maps.by["k"][:, 0], found.by_path["k"], rtol=1e-11, atol=1e-13)
+
+
+def pull(q, p, t):
+    """A force of neighbours, and drag."""
+    return -0.3 * p**3 + 0.1 * np.roll(q, 1, axis=0)
+
+
+def slopes_of_pull(q, p, t):
+    """Its derivatives."""
+    unit = np.eye(SITES)[:, :, np.newaxis]
+    return 0.1 * np.roll(unit, -1, axis=0) + 0 * q, -0.9 * unit * p**2
+
+
+def shake(q, p, t):
+    """A force of each noise."""
+    return 0.1 * np.eye(SITES)[:, :, np.newaxis] * np.cos(p)
+
+
+def slopes_of_shake(q, p, t):
+    """Its derivatives."""
+    one = np.einsum("ki,kj->kji", np.eye(SITES), np.eye(SITES))[..., np.newaxis]
+    return 0 * one, -0.1 * one * np.sin(p)
+
+
+HEAVY = {"s": 0.3, "k": SPRINGS, "b": 0.7, "m": np.linspace(1.0, 1.5, SITES)}
+
+
+def heavy(noise="s*k[j]*sin(q[j])", **values):
+    """A chain of masses."""
+    H = "Sum(p[i]**2/(2*m[i]) + k[i]*q[i]**2/2, i) + Sum(b*(q[i+1]-q[i])**4/4, i)"
+    return ss.model_from_sympy(H, [noise], n=SITES, params=HEAVY | values)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2"])
+def test_forces(scheme):
+    """Forces that are functions hold no parameters, and stand beside those of sites."""
+    forces = {"force": pull, "force_derivative": slopes_of_pull}
+    forces |= {"noise_force": shake, "noise_force_derivative": slopes_of_shake}
+    run = RUN | {"scheme": scheme}
+    require_right(lambda **x: heavy(**x).forced(**forces), HEAVY, ["b", "k", "m"], **run)
+    for noise in ("s*k[j]*sin(q[j])", "s*k[j]*q[j]"):  # the friction of noises is a force, or damping
+        require_right(lambda **x: ss.thermostat(heavy(noise, **x), beta=2.0), HEAVY, list(HEAVY), **run)  # noqa: B023
+
+
+@pytest.mark.filterwarnings("ignore::symsde.errors.OwnNoiseWarning")
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "chin4a"])
+def test_baths(scheme):
+    """Baths whose noises the library adds."""
+
+    def bathed(gamma, **values):
+        return ss.thermostat(heavy(**values), beta=2.0, gamma=gamma)
+
+    run = RUN | {"scheme": scheme}
+    require_right(lambda **x: bathed(0.3, **x), HEAVY, ["b", "k", "s"], **run)
+    with pytest.raises(IncompatibleError, match="noises of the bath of model formula would change with m"):
+        ss.gradient(bathed(0.3), "q_1", ["m"], **run)
+    if scheme != "chin4a":
+        require_right(lambda **x: bathed(np.linspace(0.1, 0.4, SITES), **x), HEAVY, ["k"], **run)
+    names = {"n": SITES, "q": "x y", "p": "u v", "params": {"k": 1.3}}
+    plane = ss.model_from_sympy("Sum((u[i]**2+v[i]**2)/2 + k*x[i]**2*y[i]**2, i)", **names)
+    state = {"q0": 0.5, "p0": 0.1, "step": 0.1, "steps": 2, "scheme": scheme}
+    with pytest.raises(IncompatibleError, match="a noise for each coordinate of each site in turn"):
+        ss.gradient(ss.thermostat(plane, beta=2.0, gamma=0.3), "x_1", ["k"], **state)
 
 
 def test_functions_of_other_packages():

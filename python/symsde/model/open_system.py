@@ -27,7 +27,7 @@ class OpenSystem:
     _handles: handles.Pool
     _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
     _forces: Forces = Forces()  #: what acts beside the Hamiltonians
-    _fluctuating: bool = False  #: whether thermostat found its friction from its noises, for these values alone
+    _fluctuating: str = ""  #: what thermostat found, for these values alone: "friction" of noises, or "noises"
     _derives_bath: bool = False  #: whether that friction is a formula, which holds for other values, too
     _unforced: Self | None = None  #: for a model with forces the same model without them
     _closed: Self | None = None  #: for a damped model the same model without damping
@@ -201,7 +201,7 @@ class OpenSystem:
         """This model with noises -s_i q_i behind its own, if that is faster than what the library adds."""
         return None
 
-    def _in_bath(self, beta: tuple[float, ...], fluctuating: bool) -> Self:
+    def _in_bath(self, beta: tuple[float, ...], fluctuating: str) -> Self:
         """This new model, with what is known of the bath that its friction and noises are."""
         self._bath, self._fluctuating = beta, fluctuating
         return self

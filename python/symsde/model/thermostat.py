@@ -49,7 +49,7 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
     own = _by_formulas(model, rates, betas)
     if own is not None:
         own._hamiltonians = noisy._hamiltonians
-    bathed = (own or noisy).damped(rates)._in_bath(betas, fluctuating=own is not None)
+    bathed = (own or noisy).damped(rates)._in_bath(betas, fluctuating="" if own is None else "noises")
     if model.traits.acting:
         checks.warn(
             f"model {model.name} has noises of its own, which heat it beside the bath: its temperature is above "
@@ -80,7 +80,7 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
             "value of each: call thermostat for each value, or give gamma, too"
         )
     found = _with_own_friction(model, inverse_temperature)
-    return model if found is model else found._in_bath((inverse_temperature,), not found._derives_bath)
+    return model if found is model else found._in_bath((inverse_temperature,), "" if found._derives_bath else "friction")
 
 
 def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
@@ -179,6 +179,16 @@ def _noisy(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> M
     noisy._hamiltonians = [*model._hamiltonians, f"{which} = -sqrt(2 gamma_i m_i/beta) q_i"]
     noisy._forces = model._forces
     return noisy
+
+
+def bath_of(model: Model) -> tuple[Model, np.ndarray] | None:
+    """The model that the library has given the noises of a bath, and their strengths sigma_i (dof,); None for others.
+    """
+    if model._remade is None or model._remade[0] is not _noisy:
+        return None
+    bare, gamma, beta = model._remade[1]
+    sigma = np.sqrt(2 * np.array(gamma) * diagonal_masses(bare) / np.array(beta))
+    return bare, np.broadcast_to(sigma, bare.ndof)
 
 
 def _noisy_handle(make: Callable[[], ModelHandle], gamma: tuple[float, ...], beta: tuple[float, ...]) -> ModelHandle:

@@ -48,16 +48,6 @@ static void couple(const int nlane, const ptrdiff_t rows, const double *restrict
       }
 }
 
-/* block[j][i] += sum_a x[a][i] y[a][j] */
-static void add_products(const int nlane, const ptrdiff_t sites, const double *restrict x, const double *restrict y,
-                         double *restrict block) {
-   for (int a = 0; a < SUMS; a++)
-      for (ptrdiff_t j = 0; j < sites; j++)
-         for (ptrdiff_t k = 0; k < sites; k++)
-            for (int i = 0; i < nlane; i++)
-               block[ROWS(j * sites + k) + i] += x[ROWS(a * sites + k) + i] * y[ROWS(a * sites + j) + i];
-}
-
 int formula_value(CALLBACK_IN, double *value, void *user) {
    (void)nham;
    double few[FEW], *room = find_room(ROWS(OUTER + SUMS + 1), few);
@@ -108,6 +98,18 @@ int formula_hessian_vector(CALLBACK_IN, const double *vq, const double *vp, doub
    leave_room(room, few);
    return 0;
 }
+"""
+#: the Hessian itself
+HESSIAN = """
+/* block[j][i] += sum_a x[a][i] y[a][j] */
+static void add_products(const int nlane, const ptrdiff_t sites, const double *restrict x, const double *restrict y,
+                         double *restrict block) {
+   for (int a = 0; a < SUMS; a++)
+      for (ptrdiff_t j = 0; j < sites; j++)
+         for (ptrdiff_t k = 0; k < sites; k++)
+            for (int i = 0; i < nlane; i++)
+               block[ROWS(j * sites + k) + i] += x[ROWS(a * sites + k) + i] * y[ROWS(a * sites + j) + i];
+}
 
 int formula_hessian(CALLBACK_IN, double *hqq, double *hqp, double *hpp, void *user) {
    (void)nham;
@@ -148,8 +150,8 @@ int formula_hessian(CALLBACK_IN, double *hqq, double *hqp, double *hpp, void *us
 """
 
 
-def source(chain: Chain) -> str:
-    """The callbacks, after the loops of emit_sites."""
+def source(chain: Chain, *, hessians: bool) -> str:
+    """The callbacks, after the loops of emit_sites; hessians: whether there are Hessians beside products with them."""
     outer = chain.outer
     made, pairs = outer.derivatives, outer.pairs
     count = made.problem.ndof
@@ -158,8 +160,9 @@ def source(chain: Chain) -> str:
         sums=count, outer=len(outer.numbers), pairs=len(pairs), at_least_one=max(1, len(pairs)), table=table
     )
     parts = [head, _added_up(chain, "sums", "SUMS"), _added_up(chain, "along", "SUMS", "vq", "vp")]
-    parts += [_added_up(chain, f"inner_{x}", chain.shape.count) for x in ("hq", "hp")]
-    callbacks = CALLBACKS.replace("user, ndof", f"user, {chain.shape.sites}")
+    parts += [_added_up(chain, f"inner_{x}", chain.shape.count) for x in ("hq", "hp") if hessians]
+    callbacks = CALLBACKS + (HESSIAN if hessians else "")
+    callbacks = callbacks.replace("user, ndof", f"user, {chain.shape.sites}")
     return "\n".join([*parts, _functions(made, pairs), _prepare(outer.numbers), callbacks])
 
 

@@ -140,7 +140,8 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         chain = _chain(**chosen, n=given["n"], ends=given["ends"], split=given["split"], fixed=given.get("fixed", ()))
         structure, texts, derivatives = None, chain.texts, None
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
-        own, part, source = chain.columns(), chain.part, emit_sites.source(chain, thirds=given.get("thirds"))
+        own, part = chain.columns(), chain.part
+        source = emit_sites.source(chain, thirds=given.get("thirds"), hessians=given.get("hessians"))
     derived = time.perf_counter() - start
     compiled = _compiled(source, derivatives is None)
     formula = Formula(

@@ -199,6 +199,8 @@ def make_chain(
                 at_ends(sums[stand_in], ends, count)  # errors must name the formula that contains the sum
                 symbol = sympy.Symbol(f"q{len(inner)}", real=True)
                 rest = rest.xreplace({stand_in: inner.setdefault(sums[stand_in], symbol)})
+            for symbol in sorted((x for x in rest.free_symbols if x.name in rows), key=str):
+                rest = rest.xreplace({symbol: inner.setdefault(symbol, sympy.Symbol(f"q{len(inner)}", real=True))})
             if rest != 0:
                 functions.append((weight, rest, text))
             if j == len(texts) - 1:
@@ -275,11 +277,6 @@ def _fixed_rows(fixed: tuple[str, ...], arrays: tuple[str, ...], names: list[str
 
 def _with_positions(chain: Chain) -> Chain:
     """The chain whose parameters are positions, of which nothing is proved but what steps of it are chosen by."""
-    if chain.outer:
-        raise InvalidArgumentError(
-            f"{', '.join(chain.fixed)}: derivatives by parameters are not known beside functions of sums; take those "
-            "by q0 and p0"
-        )
     unknown = {"bandwidth": None, "touches": None}
     unknown |= dict.fromkeys(("identity_mass", "constant_mass", "diagonal_mass"), False)
     return replace(chain, traits=chain.traits | unknown)
@@ -325,14 +322,19 @@ def by_site(name: str, value: Any, count: int) -> tuple[float, ...]:
 
 
 def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Density]:
-    """Densities of sums inside functions; sums over the same sites are computed together."""
+    """Densities of sums inside functions; sums over the same sites are computed together. A parameter that is a
+    position is a sum, too, of one term.
+    """
     together: dict[tuple, list[tuple[int, Any]]] = {}
+    made = []
     for number, body in enumerate(bodies):
+        if body.is_Symbol and body.name in whose.fixed:
+            made.append(_derived((body,), whose, Place(0), Place(0), inner=(number,)))
+            continue
         for piece, first, last in at_ends(body, ends, count):
             if rows := rows_of(piece):
                 key = first, last, *sorted({(row.second, row.offset) for row in rows.values()})
                 together.setdefault(key, []).append((number, piece))
-    made = []
     for (first, last, *_), group in together.items():
         numbers, pieces = zip(*group, strict=True)
         made.append(_derived(pieces, whose, first, last, inner=numbers))

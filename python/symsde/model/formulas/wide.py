@@ -13,8 +13,10 @@ from ...errors import IncompatibleError, InvalidArgumentError
 from ...native import checks
 from ..built_in import FORMULAS
 from ..definition import Model
+from ..thermostat import bath_of, diagonal_masses
 from .formula_model import FormulaModel, _made, model_from_sympy
-from .named_formulas import Problem
+from .named_formulas import Problem, default_names, named
+from .wide_forces import bath_slopes, with_acting, with_slopes
 
 MAX_POSITIONS = 256  #: of a wide model
 #: positions of a wide model up to which its whole Hessian is compiled; of more, products alone
@@ -60,8 +62,11 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
         )
     by_path = [name for name, x in model.parameters.items() if isinstance(x, np.ndarray)]
     wanted = [*names, *(name for name in by_path if name not in names)]
-    if not wanted and not (thirds and _has_formulas(model)):
-        return model, Positions()
+    bath = bath_of(model)
+    if not wanted and not (thirds and _has_formulas(bath[0] if bath else model)):
+        return with_slopes(model), Positions()
+    if bath:
+        return _in_bath(model, *bath, names, thirds=thirds)
     code = (known := _formulas(model))._code
     if code.chain:
         return _of_sites(model, wanted, thirds=thirds)
@@ -72,45 +77,40 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
             "ask for fewer parameters at a time"
         )
     others = {f"c{k}": model.parameters[x] for k, x in enumerate(problem.parameters) if x not in wanted}
-    _require_generic(model, names)
-    if model._fluctuating:
-        _require_own_rates(model, names, problem)
-    if model._forces and not code.pulls.formulas:
-        raise IncompatibleError(
-            f"forces of model {model.name} are functions, and derivatives by parameters need formulas: give force= to "
-            "model_from_sympy, or ask for those by q0 and p0"
-        )
+    _require_generic((model._closed or model._unforced) if model._fluctuating else model, names)
     key = (thirds, *wanted)
     if key not in code.wide:
         code.wide[key] = _derived(problem, code.pulls.rows, wanted, others, model.name, thirds=thirds)
     wide = code.wide[key].with_parameters(**others) if others else code.wide[key]
     positions = Positions(wanted)
     positions.slopes = _slopes(known, wanted, names)
-    return wide, positions
+    if model._fluctuating == "friction" and wide.traits.has_hessian:
+        positions.slopes = _bath_slopes(model, wide, wanted)
+    elif model._fluctuating:
+        _require_own_bath(model, names, problem)
+    return wide if code.pulls.formulas else with_acting(wide, model), positions
 
 
 def _of_sites(model: FormulaModel, wanted: list[str], *, thirds: bool) -> tuple[Model, Positions]:
     """The wide model of sums over sites: loops over them, however many positions the parameters of sites are."""
     code, chain = model._code, model._chain
-    if wanted and (model._forces or model._fluctuating):
-        raise IncompatibleError(
-            f"{', '.join(wanted)} of model {model.name}: derivatives by parameters of sums over sites are not known "
-            "beside forces and friction of baths; take those by q0 and p0"
-        )
-    _require_generic(model, wanted)
+    _require_generic((model._closed or model._unforced) if model._fluctuating else model, wanted)
     of_sites = tuple(x for x in wanted if x in chain.arrays)
     alone = [x for x in wanted if x not in chain.arrays]
-    key = (thirds, "sites", *sorted(wanted))
+    key = (thirds, model._fluctuating, "sites", *sorted(wanted))
     if key not in code.wide:
         values = model.parameters | dict.fromkeys(alone, 0.5)  # are not read, nor folded
         more = {"params": values, "damping": None, "fixed": tuple(wanted), "thirds": thirds}
+        more |= {"hessians": True} if model._fluctuating else {}
         code.wide[key] = _made({**code.given, **more})
     others = {name: x for name, x in model.parameters.items() if name not in wanted}
     wide = code.wide[key].with_parameters(**others) if others else code.wide[key]
     order = wide._chain.fixed
     positions = Positions([x for x in order for _ in range(chain.n if x in of_sites else 1)])
     positions.of_sites = of_sites
-    return wide, positions
+    if model._fluctuating:
+        positions.slopes = _bath_slopes(model, wide, order)
+    return with_acting(wide, model), positions
 
 
 def _slopes(model: FormulaModel, wanted: list[str], names: Sequence[str]) -> np.ndarray | None:
@@ -151,17 +151,64 @@ def _require_generic(model: Model, names: Sequence[str]) -> None:
             )
 
 
-def _require_own_rates(model: Model, names: Sequence[str], problem: Problem) -> None:
-    """Refuse parameters that change the friction of a bath, which belongs to the noises and the masses."""
+def _bath_slopes(model: Model, wide: Model, names: Sequence[str]) -> np.ndarray | None:
+    """Derivatives of the rates of a bath of a model's own noises by parameters, (position, dof); None if all vanish."""
+    if not model.damping or model.has_friction:
+        return None
+    theta = [x for name in dict.fromkeys(names) for x in np.atleast_1d(model.parameters[name])]
+    slopes = bath_slopes(wide, np.array(theta), model.ndof, *model._bath)
+    return slopes if slopes.any() else None
+
+
+def _in_bath(model: Model, bare: Model, sigma: np.ndarray, names: Sequence[str], *, thirds: bool) -> tuple:
+    """The wide model of a model whose bath the library makes: its noises -sigma_i q_i are formulas here."""
+    for name in names:
+        moved = bare.with_parameters(**{name: np.add(bare.parameters[name], 0.0137)})
+        if not np.array_equal(diagonal_masses(moved), diagonal_masses(bare)):
+            raise IncompatibleError(
+                f"the noises of the bath of model {model.name} would change with {name}, and derivatives by it are not "
+                "known: ask for other parameters, or write noise and damping into the model"
+            )
+    if model._forces.noise_force is not None:
+        raise IncompatibleError(
+            f"forces of noises act on model {model.name} in its bath, and derivatives by parameters are not known "
+            "beside both: write the noise of the bath and damping into the model"
+        )
+    known = _formulas(bare)
+    make, (given,) = known._remade
+    texts = [x for x in (given["H"], *given["noise"]) if isinstance(x, str)]
+    places = [str(x) for x in given["q"] or named("q", default_names("q", texts))]
+    taken = {*known.parameters, *places, *map(str, given["p"] or ()), str(given["t"])}
+    letter = next(x for x in (f"bath{'_' * k}" for k in range(len(taken) + 1)) if x not in taken)
+    if known._chain:
+        if known._chain.size > 1:
+            raise IncompatibleError(
+                f"the bath of model {model.name} has a noise for each coordinate of each site in turn, which no "
+                "formula says: write the noises and damping into the model for derivatives by parameters"
+            )
+        params = {letter: sigma}
+        noise = [f"-{letter}[{letter}i]*{known._chain.components[0][0]}[{letter}i]"]
+    else:
+        params = {f"{letter}_{i + 1}": x for i, x in enumerate(sigma.tolist())}
+        noise = [f"-{x}*{place}" for x, place in zip(params, places, strict=True)]
+    twin = make({**given, "noise": [*given["noise"], *noise], "params": {**known.parameters, **params}})
+    if model._forces and not twin._forces:
+        twin = twin._with_forces(model._forces)
+    return wide_model(twin, names, thirds=thirds)
+
+
+def _require_own_bath(model: Model, names: Sequence[str], problem: Problem) -> None:
+    """Refuse parameters that change the noises of a bath, which belong to masses, or the friction of noises."""
     H, *noise = problem.hamiltonians
     momenta = problem.coordinates("p")
-    held = [*noise, *(H.diff(x) for x in H.free_symbols if x.name in momenta)]
+    held = [H.diff(x) for x in H.free_symbols if x.name in momenta]
+    held += noise if model._fluctuating == "friction" else []
     symbols = {x.name for h in held for x in h.free_symbols}
     for name in names:
         if f"c{[*problem.parameters].index(name)}" in symbols:
             raise IncompatibleError(
-                f"the friction of the bath of model {model.name} changes with {name}, and derivatives by it are not "
-                "known: ask for other parameters, or give the friction as a force"
+                f"the {model._fluctuating} of the bath of model {model.name} would change with {name}, and derivatives "
+                "by it are not known: ask for other parameters, or write noise and damping into the model"
             )
 
 
