@@ -443,7 +443,9 @@ def test_forces_that_are_functions():
     for scheme in ("midpoint", "stormer_verlet"):
         run = {"scheme": scheme, "steps": 10}
         require_gradient(lambda **x: pendulum(**x).forced(**forces), "q*p", ["k", "sigma"], **run)
-        mine, theirs = (ss.gradient(pendulum().forced(**x), "q*p", ["k"], **RUN, scheme=scheme) for x in (forces, compiled))
+        mine, theirs = (
+            ss.gradient(pendulum().forced(**x), "q*p", ["k"], **RUN, scheme=scheme) for x in (forces, compiled)
+        )
         np.testing.assert_allclose(mine.by_path["k"], theirs.by_path["k"], rtol=1e-12)
     pushed = ss.model_from_sympy("p**2/2 - 1.3*cos(q)", ["0.4*sin(q)"], force="-0.2*q")
     with pytest.raises(IncompatibleError, match="forces act between the drifts"):

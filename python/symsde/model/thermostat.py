@@ -80,7 +80,9 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
             "value of each: call thermostat for each value, or give gamma, too"
         )
     found = _with_own_friction(model, inverse_temperature)
-    return model if found is model else found._in_bath((inverse_temperature,), "" if found._derives_bath else "friction")
+    return (
+        model if found is model else found._in_bath((inverse_temperature,), "" if found._derives_bath else "friction")
+    )
 
 
 def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
@@ -182,8 +184,7 @@ def _noisy(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> M
 
 
 def bath_of(model: Model) -> tuple[Model, np.ndarray] | None:
-    """The model that the library has given the noises of a bath, and their strengths sigma_i (dof,); None for others.
-    """
+    """The model to which the library added noises of a bath, and their strengths sigma_i (dof,); None of others."""
     if model._remade is None or model._remade[0] is not _noisy:
         return None
     bare, gamma, beta = model._remade[1]

@@ -8,6 +8,7 @@ formula_scenes       models from formulas in scenes
 formula_observables  observables from formulas, for any model
 path_formula         a formula of the end of a path, with its derivatives
 wide                 parameters as positions that do not move
+wide_forces          forces and friction of models with parameters as positions
 parse                reads formulas from text without executing it
 named_formulas       the given formulas, checked and renamed to internal names
 derivatives          gradients and Hessians of weighted sums, as nodes of one graph

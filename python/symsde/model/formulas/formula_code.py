@@ -138,10 +138,9 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
                 "numbers, or a function of (q, t)"
             )
         chain = _chain(**chosen, n=given["n"], ends=given["ends"], split=given["split"], fixed=given.get("fixed", ()))
-        structure, texts, derivatives = None, chain.texts, None
+        structure, texts, derivatives, own, part = None, chain.texts, None, chain.columns(), chain.part
         nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
-        own, part = chain.columns(), chain.part
-        source = emit_sites.source(chain, thirds=given.get("thirds"), hessians=given.get("hessians"))
+        source = emit_sites.source(chain, **{x: given.get(x) for x in ("thirds", "hessians")})
     derived = time.perf_counter() - start
     compiled = _compiled(source, derivatives is None)
     formula = Formula(
