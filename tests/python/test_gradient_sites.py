@@ -241,6 +241,58 @@ def test_baths(scheme):
         ss.gradient(ss.thermostat(plane, beta=2.0, gamma=0.3), "x_1", ["k"], **state)
 
 
+OF_SUMS = {
+    "one": "Sum(p[i]**2/2 + k[i]*q[i]**2/2, i)",
+    "neighbours": "b*Sum(k[i]*(q[i+1] - q[i])**2, i)*Sum(q[i]*p[i], i) + s*q_2 + p_4**2",
+    "beside": "Sum(cos(q[i] - q_3)*p_2*k[i], i) + Sum(q_1*p_4*sin(q[i] - q[j]), i < j)",
+    "pairs": "exp(Sum(k[i]*k[j]*cos(q[i] - b*q[j]), i < j)/20 - t*q_1)",
+}
+
+
+@pytest.mark.parametrize("f", OF_SUMS.values(), ids=OF_SUMS)
+@pytest.mark.parametrize("ends", ["free", "periodic"])
+def test_f_of_sums(ends, f):
+    """f may be a function of sums, of single coordinates and of parameters beside them; it has the value of the
+    observable.
+    """
+    run = RUN | {"scheme": "stormer_verlet"}
+    found = ss.gradient(chain(ends), f, ["b", "s", "k", "q0", "p0"], **run)
+    value = ss.moments(chain(ends), **run, save_every=12, observables={"f": f}).mean["f"][-1]
+    np.testing.assert_allclose(found.value, value, rtol=1e-13)
+    for name, site in (("s", None), ("b", None), ("k", 0), ("k", 3)):
+        right = differences(lambda h: chain(ends, **moved(name, h, site)), f, **run)  # noqa: B023
+        mine = found.by_path[name] if site is None else found.by_path[name][site]
+        assert abs(right).max() > 1e-4 and abs(mine - right).max() < 1e-9 * max(abs(right).max(), 0.1), name
+    for name in ("q0", "p0"):
+        at = [run | {name: run[name] + h * np.eye(SITES)[3]} for i, _ in STENCIL for h in (i * 3e-3, -i * 3e-3)]
+        sides = [ss.gradient(chain(ends), f, ["q0"], **x).f for x in at]
+        right = sum(w * (sides[2 * k] - sides[2 * k + 1]) / 3e-3 for k, (_, w) in enumerate(STENCIL))
+        assert abs(found.by_path[name][3] - right).max() < 1e-9 * abs(right).max()
+
+
+def test_f_of_sums_of_other_models():
+    """Sums over the coordinates of any model, over sites of two coordinates, and what has no derivative."""
+    run = {"q0": [0.1, 0.2], "p0": [0.1, 0.3], "step": 0.1, "steps": 5, "paths": 4}
+    for mine, theirs in (("Sum(q[i]**2, i) + q_1*Sum(p[i], i)", "q_1**2 + q_2**2 + q_1*(p_1 + p_2)"),):
+        one, other = (ss.gradient(ss.models.henon_heiles(), f, ["alpha", "q0", "p0"], **run) for f in (mine, theirs))
+        for name in one.by_path:
+            np.testing.assert_allclose(one.by_path[name], other.by_path[name], rtol=1e-12, atol=1e-14)
+    f = "Sum(m[i]*(x[i]*v[i] - y[i]*u[i]), i) + Sum(G*m[i]*m[j]*(x[i] - x[j])**2, i < j) + y_2"
+    # written out for three bodies, whose coordinates are x1, y1, x2, ..
+    out = "+".join(f"m{i}*(q_{2 * i - 1}*p_{2 * i} - q_{2 * i}*p_{2 * i - 1})" for i in (1, 2, 3)) + "+ q_4"
+    out += "".join(f"+ G*m{i}*m{j}*(q_{2 * i - 1} - q_{2 * j - 1})**2" for i, j in ((1, 2), (1, 3), (2, 3)))
+    mine = ss.gradient(bodies(), f, ["G", "m", "q0", "p0"], **STATE, paths=3)
+    theirs = ss.gradient(written_out(), out, ["G", "m1", "m2", "m3", "q0", "p0"], **STATE, paths=3)
+    for name in ("G", "q0", "p0"):
+        np.testing.assert_allclose(mine.by_path[name], theirs.by_path[name], rtol=1e-9, atol=1e-11)
+    for k in range(3):
+        np.testing.assert_allclose(mine.by_path["m"][k], theirs.by_path[f"m{k + 1}"], rtol=1e-9, atol=1e-11)
+    with pytest.raises(IncompatibleError, match="has no derivative by q"):
+        ss.gradient(chain(), "Sum(floor(q[i]), i)", ["b"], **RUN)
+    with pytest.raises(IncompatibleError, match="17 different sums in products: allowed are 16"):
+        ss.gradient(chain(), "+".join(f"sin(Sum(q[i]**{k}, i))" for k in range(1, 18)), ["b"], **RUN)
+
+
 def test_functions_of_other_packages():
     """The functions for torch and jax take (site,), and give derivatives of the sum over paths."""
     given = {**RUN, "scheme": "stormer_verlet"}

@@ -389,7 +389,7 @@ def test_a_bath_of_own_noises_is_carried_along():
         again = pickle.loads(pickle.dumps(model))
         assert repr(again) == repr(model)
         assert "bath at beta=2" in repr(model)
-        assert (again._fluctuating, again.damping) == (True, model.damping)
+        assert again._fluctuating and (again._fluctuating, again.damping) == (model._fluctuating, model.damping)
         assert "bath" not in repr(model.damped(5.0))
     forced = ss.thermostat(line, beta=2.0).forced(cubic)
     assert repr(forced) == "formula(s=0.3, damping=0.09, bath at beta=2, forced)"

@@ -75,10 +75,10 @@ def gradient(
         found = ss.gradient(model, "q**2", ["sigma", "q0"], q0=1.0, p0=0.0, step=0.05, steps=200, paths=1000)
         found.values["sigma"], found.se["sigma"]
 
-    - f: a formula of the state at the end, as "q**2", which may hold parameters and t. Or a pair of functions:
-      f(t, q, p) -> (path,) and its derivative df(t, q, p) -> (fq, fp), where q, p, fq and fp are (time, dof, path) at
-      the saved times; a third result, (parameter, path), has derivatives by parameters that f holds itself, in the
-      order of wrt
+    - f: a formula of the state at the end, as "q**2" or "Sum(q[i]**2, i)", which may hold parameters and t. Or a pair
+      of functions: f(t, q, p) -> (path,) and its derivative df(t, q, p) -> (fq, fp), where q, p, fq and fp are (time,
+      dof, path) at the saved times; a third result, (parameter, path), has derivatives by parameters that f holds
+      itself, in the order of wrt
     - wrt: names of parameters, "q0" and "p0", in any order. Parameters are those of formulas and of built-in models
     - save_every: steps between the saved times that f is given; by default the beginning and the end
     - allow_failed: leave failed paths out of means; otherwise a run with failed paths is refused. The remaining paths

@@ -7,6 +7,7 @@ parameters           values of parameters, numbers or arrays by path
 formula_scenes       models from formulas in scenes
 formula_observables  observables from formulas, for any model
 path_formula         a formula of the end of a path, with its derivatives
+path_sums            derivatives of a formula of sums over sites
 wide                 parameters as positions that do not move
 wide_forces          forces and friction of models with parameters as positions
 parse                reads formulas from text without executing it

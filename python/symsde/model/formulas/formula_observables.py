@@ -62,13 +62,9 @@ class FormulaObservables:
         """Read and, by default, compile the formulas; errors name the observable."""
         parameters = {key: x for key, x in model.parameters.items() if is_name(key) and np.isscalar(x)}
         _refuse_arrays(formulas, {key: x for key, x in model.parameters.items() if np.ndim(x)})
-        chain = getattr(model, "_chain", None)
-        sites = _Sites(chain.n, chain.components, chain.arrays) if chain else _Sites(model.ndof)
-        given = model._remade[1][0] if hasattr(model, "formula") else {}
-        names = letters_of(model)
-        ends = "free" if given.get("n") is None else given["ends"]
+        sites, time, ends = sites_of(model)
         self._read = _read(
-            tuple(formulas.items()), names, tuple(parameters), given.get("t"), ends, sites=sites, compiles=compiles
+            tuple(formulas.items()), letters_of(model), tuple(parameters), time, ends, sites=sites, compiles=compiles
         )
         self._of_sites = np.array([model.parameters[name] for name in sites.arrays])
         self._values = np.array([*map(float, parameters.values()), *np.ravel(self._of_sites)] or [0.0])
@@ -80,7 +76,7 @@ class FormulaObservables:
         """Formulas of named variables, which are given in the place of coordinates."""
         found = cls.__new__(cls)
         names = (("q", variables, len(variables)), ("p", None, len(variables)))
-        sites = _Sites(len(variables))
+        sites = Sites(len(variables))
         found._read = _read(tuple(formulas.items()), names, (), None, "free", sites=sites, compiles=True)
         found._values, found._of_sites, found.needs_time = np.zeros(1), np.zeros(0), False
         return found
@@ -119,6 +115,14 @@ def letters_of(model: Model) -> tuple[tuple[str, tuple | None, int], ...]:
     return tuple((letter, names, n) for letter, names in zip("qp", own, strict=True))
 
 
+def sites_of(model: Model) -> tuple[Sites, Any, str]:
+    """The sites of a model, its symbol of time, and the ends of its sums."""
+    chain = getattr(model, "_chain", None)
+    sites = Sites(chain.n, chain.components, chain.arrays) if chain else Sites(model.ndof)
+    given = model._remade[1][0] if hasattr(model, "formula") else {}
+    return sites, given.get("t"), "free" if given.get("n") is None else given["ends"]
+
+
 def _refuse_arrays(formulas: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
     """Refuse observables of parameters that go by path, which an observable is not told, or by site outside of sums."""
     for name, formula in formulas.items():
@@ -141,17 +145,17 @@ def _own(given: object) -> tuple | None:
 
 
 @dataclass(frozen=True)
-class _Sites:
+class Sites:
     """The sites of a model: of one coordinate each, which are called q and p, unless it is made of sums over sites."""
 
     count: int
     components: tuple[tuple[str, ...], tuple[str, ...]] = (("q",), ("p",))  #: names of coordinates and of momenta
     arrays: tuple[str, ...] = ()  #: parameters with a number for each site
 
-    def of(self, formula: str, ndof: int) -> _Sites:
+    def of(self, formula: str, ndof: int) -> Sites:
         """The sites that a formula means: those of the model if it holds one of their names, else all coordinates."""
         own = {*self.components[0], *self.components[1], *self.arrays}
-        return self if own & names_in(formula) else _Sites(ndof)
+        return self if own & names_in(formula) else Sites(ndof)
 
 
 @dataclass(frozen=True)
@@ -172,11 +176,11 @@ def _read(
     time: object,
     ends: str,
     *,
-    sites: _Sites,
+    sites: Sites,
     compiles: bool,
 ) -> _Read:
     """Read formulas; the result is cached, since many shards need the same formulas."""
-    known = _known(formulas, names, parameters, time)
+    known = known_names(formulas, names, parameters, time)
     count, read, made = names[0][2], engine(), _Read(Graph(), [], [], None)
     leaves = {symbol.name: symbol.name[0] in "qp" for symbol in known.known.values()}
 
@@ -215,7 +219,7 @@ def _read(
     return dataclasses.replace(made, compiled=compiler.build("\n".join([*source, CALLBACK.replace("BODY", body)])))
 
 
-def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object) -> Names:
+def known_names(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object) -> Names:
     """Names with their symbols; of many coordinates only those that the formulas contain."""
     sympy = optional("sympy", "sympy")
     used = set().union(*(_used(formula) for _, formula in formulas))

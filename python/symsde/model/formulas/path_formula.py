@@ -8,24 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import IncompatibleError, InvalidArgumentError
-from ...native import checks
+from ...errors import InvalidArgumentError
 from ...native.files import optional
 from ..definition import Model
-from .formula_observables import FormulaObservables, _known, letters_of
-from .parse import is_name
+from .formula_observables import FormulaObservables, known_names, letters_of
+from .parse import is_name, names_in
+from .path_sums import PathSums, require_derivative
+from .wide import Positions
 
 
 class PathFormula:
     """f at the last of the saved times; callable as (t, q, p) -> value, fq, fp, ftheta."""
 
-    def __init__(self, model: Model, formula: Any, positions: list[str]):
-        """Read and differentiate the formula; positions: parameters by which it is differentiated."""
+    def __init__(self, model: Model, formula: Any, positions: Positions):
+        """Read and differentiate the formula; positions: of parameters by which it is differentiated."""
         numbers = tuple(key for key, x in model.parameters.items() if is_name(key) and np.isscalar(x))
         given = model._remade[1][0] if hasattr(model, "formula") else {}
+        self._nparameter, self._sums = len(positions), None
+        if isinstance(formula, str) and "Sum" in names_in(formula):
+            self._observables = FormulaObservables(model, {"f": formula})
+            self._sums = PathSums(model, formula, positions)
+            return
         formulas, self._terms = _derived(formula, letters_of(model), numbers, given.get("t"), tuple(positions))
         self._observables = FormulaObservables(model, formulas)
-        self._nparameter = len(positions)
 
     def __call__(self, t: np.ndarray, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Value (path,), derivatives by q and by p (time, dof, path), and derivatives by parameters (parameter,
@@ -34,6 +39,9 @@ class PathFormula:
         found = self._observables(float(t[-1]), q[-1], p[-1])
         fq, fp = np.zeros_like(q), np.zeros_like(p)
         ftheta = np.zeros((self._nparameter, q.shape[-1]))
+        if self._sums:
+            fq[-1], fp[-1], ftheta[self._sums.places] = self._sums(float(t[-1]), q[-1], p[-1])
+            return found[0], fq, fp, ftheta
         for (what, i), row in zip(self._terms, found[1:], strict=True):
             if what == "theta":
                 ftheta[i] = row
@@ -50,9 +58,7 @@ def _derived(
     variable.
     """
     sympy, ndof = optional("sympy", "sympy"), letters[0][2]
-    if isinstance(formula, str) and "Sum" in formula:
-        raise IncompatibleError(f"f = {formula!r} is a sum over sites, whose derivatives are not known: give a pair")
-    known = _known((("f", formula),), letters, numbers, time)
+    known = known_names((("f", formula),), letters, numbers, time)
     try:
         expression = known.canonical(formula)
     except InvalidArgumentError as error:
@@ -67,8 +73,7 @@ def _derived(
         if name not in places:
             continue
         derivative = sympy.diff(expression, places[name])
-        if derivative.has(sympy.Derivative, sympy.Subs, sympy.DiracDelta):
-            raise InvalidArgumentError(f"f = {checks.shown(str(formula))} has no derivative by {name}: give a pair")
+        require_derivative(derivative, formula, name)
         if derivative != 0:
             formulas[f"f_{len(formulas)}"] = derivative
             terms.append((what, i))

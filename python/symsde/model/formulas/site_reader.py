@@ -25,7 +25,8 @@ class Row:
     second: bool = False  #: at the second site j of a pair, not at the first one
     offset: int = 0  #: number of sites behind the site
     component: int = 0  #: which coordinate of the site, or which parameter
-    #: "" for a coordinate, or for a parameter that is none; of parameters that are positions "site" or "all"
+    #: "" for a coordinate, or for a parameter that is none; of parameters that are positions "site" or "all"; "at" for
+    #: a coordinate of one site, the component being its row
     fixed: str = ""
 
     @property
@@ -54,6 +55,8 @@ class Shape:
 
     def row(self, row: Row) -> str:
         """The number of a row, in C."""
+        if row.fixed == "at":
+            return str(row.component)
         if row.fixed == "all":
             return f"({self.each} * sites + {row.component})"
         if row.fixed:

@@ -101,7 +101,7 @@ class Density:
     @property
     def is_own(self) -> bool:
         """Whether each site adds to its own rows alone."""
-        return not self.is_pair and not any(self.offsets) and all(row.fixed != "all" for row in self.rows)
+        return not self.is_pair and not any(self.offsets) and all(row.fixed in ("", "site") for row in self.rows)
 
 
 @dataclass(frozen=True)
@@ -322,9 +322,7 @@ def by_site(name: str, value: Any, count: int) -> tuple[float, ...]:
 
 
 def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Density]:
-    """Densities of sums inside functions; sums over the same sites are computed together. A parameter that is a
-    position is a sum, too, of one term.
-    """
+    """Densities of sums inside functions, together those over the same sites; a number of a fixed row is one, too."""
     together: dict[tuple, list[tuple[int, Any]]] = {}
     made = []
     for number, body in enumerate(bodies):
@@ -491,7 +489,7 @@ def _derived(expressions: Sequence[Any], whose: _Whose, first: Place, last: Plac
     rows = [*sorted({row for x, row in local.items() if x not in held}), *sorted({*still.values()})]
     given = sorted({row for x, row in held.items() if x not in still})
     places = {x: f"{x.name[0]}{rows.index(row)}" for x, row in local.items() if x not in held}
-    places |= {x: f"q{rows.index(row)}" for x, row in still.items()}
+    places |= {x: f"{'p' if x.name[0] == 'p' else 'q'}{rows.index(row)}" for x, row in still.items()}
     places |= {x: f"c{len(whose.parameters) + given.index(row)}" for x, row in held.items() if x not in still}
     places = {x: sympy.Symbol(name, real=True) for x, name in places.items()}
     renamed = tuple(e.xreplace(places) for e in expressions)
