@@ -146,6 +146,10 @@ class UnusedParameterWarning(UserWarning):
     """A parameter of formulas that no formula uses."""
 
 
+class StandingSiteWarning(UserWarning):
+    """The momentum of a site occurs in no term of H, since free ends leave out the summand that holds it."""
+
+
 class KinkWarning(UserWarning):
     """A formula has a kink or a jump; the message says which orders hold."""
 

@@ -2,6 +2,7 @@
 """Sums over sites: the chain of the catalogue, every kind of ends against formulas written out, bad input."""
 
 import ctypes
+import warnings
 
 import numpy as np
 import pytest
@@ -131,10 +132,23 @@ def test_one_sum_is_that_of_sites_and_that_of_bonds(H, ends):
 
 
 def test_one_sum_at_free_ends_leaves_out_the_last_site():
-    """A bond that is not there takes all terms of its sum with it: the last site has no mass."""
-    one = ss.model_from_sympy("Sum(p[i]**2/2 + (q[i+1]-q[i])**2/2, i)", n=4, ends="free")
+    """A bond that is not there takes all terms of its sum with it: the last site has no mass, and a warning says so."""
+    with pytest.warns(errors.StandingSiteWarning, match=r"H holds no p\[3\], so that this site does not move"):
+        one = ss.model_from_sympy("Sum(p[i]**2/2 + (q[i+1]-q[i])**2/2, i)", n=4, ends="free")
     assert not one.traits.identity_mass
     np.testing.assert_array_equal(one.gradient(0.0, 1.0)[1].ravel(), [1, 1, 1, 0])
+
+
+def test_sites_that_move_give_no_warning():
+    """One sum with closed ends, two sums, pairs, and no kinetic energy at all."""
+    bond = "(q[i+1]-q[i])**2/2"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ss.model_from_sympy(f"Sum(p[i]**2/2 + {bond}, i)", n=4, ends="periodic")
+        ss.model_from_sympy(f"Sum(p[i]**2/2, i) + Sum({bond}, i)", n=4)
+        ss.model_from_sympy("Sum((p[i]-p[j])**2/2 + (q[i]-q[j])**2, i < j)", n=4)
+        ss.model_from_sympy(f"Sum({bond}, i)", n=4, noise=["Sum(p[i]**2, i)"])
+        ss.model_from_sympy("Sum((p[i+1]+p[i])**2/2 + q[i]**2, i)", n=4)
 
 
 @pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])

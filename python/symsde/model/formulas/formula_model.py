@@ -16,6 +16,7 @@ from ...errors import (
     IncompatibleError,
     InvalidArgumentError,
     KinkWarning,
+    StandingSiteWarning,
     UnknownNameError,
     UnusedParameterWarning,
 )
@@ -49,6 +50,11 @@ class FormulaModel(Model):
         """Numbers j of the H_j with kinks or jumps in the state."""
         structure = self.formula.structure
         return self._chain.kinked if structure is None else structure.kinked
+
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """Momenta of sites that H lacks, since free ends leave out the summand that holds them."""
+        return self._chain.standing() if self._chain else ()
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library as for every model; errors about the model name its formulas."""
@@ -295,6 +301,7 @@ def model_from_sympy(
     if not (by_formulas or damping is None):
         model = model.damped(damping, allow_gain=allow_gain)
     _warn_of_kinks(model)
+    _warn_of_standing_sites(model)
     acting = [x for row in _forces.rows_of(given["force"], given["noise_force"]) for x in row]
     acting += damping.formulas if by_formulas else ()
     others = (x for key in ("noise", "invariants", "split") for x in several(key, given[key]))
@@ -314,6 +321,18 @@ def _warn_of_kinks(model: FormulaModel) -> None:
         "itself is not seen at all",
         KinkWarning,
     )
+
+
+def _warn_of_standing_sites(model: FormulaModel) -> None:
+    """Say which sites of a chain have no momentum in H, since free ends leave their kinetic energy out."""
+    if names := model.standing:
+        one = len(names) == 1
+        checks.warn(
+            f"H holds no {' and no '.join(names)}, so that {'this site does' if one else 'these sites do'} not move by "
+            "H: free ends leave out all of a summand that reaches beyond an end. Write terms of one site in a sum of "
+            'their own, as Sum(p[i]**2/2, i) + Sum((q[i+1] - q[i])**2/2, i), or say ends = "periodic" or "fixed"',
+            StandingSiteWarning,
+        )
 
 
 def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> None:

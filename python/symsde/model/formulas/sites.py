@@ -134,6 +134,21 @@ class Chain:
         arrays = len({*self.fixed} & {*self.arrays})
         return Shape(self.size, arrays, len(self.fixed) - arrays)
 
+    def standing(self) -> tuple[str, ...]:
+        """The momenta of sites that H lacks, if it holds those of other sites: free ends leave out what would reach
+        beyond an end."""
+        missing = []
+        for k, name in enumerate(self.components[1]):
+            held: set[int] = set()
+            for d in self.densities:
+                used = {x.name for e in d.derivatives.problem.hamiltonians for x in e.free_symbols}
+                for j, row in enumerate(d.rows):
+                    if d.weight.is_drift and row.component == k and not row.fixed and f"p{j}" in used:
+                        first, last = (0, self.n - 1) if d.is_pair else (d.first.of(self.n), d.last.of(self.n))
+                        held |= set(range(first + row.offset, last + row.offset + 1))
+            missing += [f"{name}[{i}]" for i in range(self.n) if held and i not in held and self.ends == "free"]
+        return tuple(missing)
+
     def columns(self) -> tuple[str, ...]:
         """Names of coordinates and momenta in results; empty for q_1, q_2, .., p_1, p_2, .."""
         if self.components == (("q",), ("p",)) or self.fixed:
