@@ -90,6 +90,7 @@ typedef struct symsde_traits {
     * touches[touches_from[k-1]] .. touches[touches_from[k] - 1], and touches_from[0] = 0; NULL = not declared */
    const int32_t *touches_from; /* [nnoise + 1] */
    const int32_t *touches;
+   int32_t has_gradient, has_parts; /* set by the library */
 } symsde_traits;
 
 /* Callbacks compute whole blocks, arrays [..][nlane]; each lane must use its own numbers alone. w[nham][nlane] are the
@@ -128,6 +129,14 @@ typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, 
 typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
                            const double *w, const double *const *functionals, const double *q, const double *p,
                            double *qn, double *pn, int64_t *status, void *user);
+/* the exact flow of a part D of H from the time t to t + tau, tau of either sign: from q, p to qn, pn, [ndof][nlane] each,
+ * all of which are written */
+typedef int (*symsde_drift)(int nlane, int ndof, double t, double tau, const double *q, const double *p, double *qn,
+                            double *pn, void *user);
+/* the exact flow of sum_j w[j] K_j over one unit of time, K_0 = H - D and K_k = H_k being those at the time t, all of which
+ * commute: w[0] is a part of the step, w[k] of dW_k */
+typedef int (*symsde_kick)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                           double *qn, double *pn, void *user);
 /* rows first .. last, counted from 0, of a chain H = p.p/2 + U(q) with noise in position or additive noise, whose
  * Hessian is tridiagonal. q[row][nlane] has rows first - 1 to last + 1 (zero beyond the ends); hq[row][nlane] is the
  * gradient of sum_j w[j] H_j in q; hqq[row][2][nlane] its derivatives by q of this row and by q of the next row */
@@ -170,7 +179,15 @@ int symsde_model_get(const char *name, int nparameter, const char *const *keys, 
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
                      symsde_error *error);
+/* your own model, H = D + K_0 and H_k = K_k with {K_i, K_j} = 0 for all i, j >= 0, by the exact flows of D and of sum_j
+ * w_j K_j alone; value may be NULL. gauss_dkdkd (strong order 3/2) and verlet_dkd_weak2 (weak order 2) step it, whatever
+ * D and the K_j are; all other schemes, and results that need derivatives of H, are refused. Of traits give sizes alone */
+int symsde_model_new_parts(const char *name, const symsde_traits *traits, symsde_drift drift, symsde_kick kick,
+                           symsde_value value, void *user, symsde_model *model, symsde_error *error);
 /* Further functions for a model of symsde_model_new, with its user pointer; NULL = none. Runs test them, too. */
+/* the same two flows beside a gradient, of which they are tested to be the flows; gauss_dkdkd and verlet_dkd_weak2 take them
+ * in the place of all else, also of symsde_model_set_flow. Give both functions, or NULL for both */
+int symsde_model_set_parts(symsde_model model, symsde_drift drift, symsde_kick kick, symsde_error *error);
 /* called if a scheme needs gradient and Hessian at one point; it also replaces a hessian that is NULL */
 int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian joint, symsde_error *error);
 /* for models with bandwidth 1, identity_mass, and position_noise or additive: midpoint then stores neither the whole

@@ -50,7 +50,7 @@ module symsde
    use symsde_model_catalogue_by_name, only: get_model, model_names, parameter_names, parameter_defaults
    use symsde_model_catalogue_by_path, only: get_model_by_path
    use symsde_model_kernels, only: kernel_model, kernel_offers
-   use symsde_model_user_callback, only: callback_model, new_callback_model
+   use symsde_model_user_callback, only: callback_model, new_callback_model, new_parts_model
    use symsde_model_views_thermostat, only: thermostat_model, new_thermostat
    use symsde_model_probe_traits, only: probe_model
    ! sincos_lanes(n, x, sine, cosine), for users' models: arrays of any length n at once, several times as fast as the

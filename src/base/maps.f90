@@ -42,6 +42,7 @@ module symsde_base_maps
       integer :: equation = other_map
       logical :: corrected = .false.              !! corrected Euler pair: with +-F_p.F_q/2 added, F = sum_k dW_k H_k
       logical :: damped = .false.                 !! whether one rate damps the momenta
+      logical :: products = .false.               !! whether the scheme adds H_k,q.H_k,q, sampled, to these kicks
       character(len=2*name_length) :: label = ''  !! name in messages; distinguishes maps with other equations
    end type step_map
 

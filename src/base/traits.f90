@@ -43,6 +43,9 @@ module symsde_base_traits
       type(noise_supports) :: touches      !! degrees of freedom that each noise touches
       integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
+      logical :: has_gradient = .true.     !! gradients can be evaluated, or flows of two parts are all that is given
+      !> The exact flows of D and of sum_j w_j K_j are given, H = D + K_0, K_k = H_k, {K_i, K_j} = 0 for all i, j >= 0.
+      logical :: has_parts = .false.
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
       logical :: has_third_derivative = .false.  !! third derivatives are analytic (third_derivative)

@@ -68,6 +68,7 @@ contains
       type(points_type), target :: points
 
       call read_points(points, model, npath, w, q, p, refusal)
+      if (.not. allocated(refusal)) call points%model%require_gradient('symsde_model_gradient', 'this call', refusal)
       if (.not. (c_associated(hq) .or. c_associated(hp))) call require(hq, 'hq (and hp)', refusal)
       call add_output(points, hq, int(points%ndof, i8), points%out1, points%block1, refusal)
       call add_output(points, hp, int(points%ndof, i8), points%out2, points%block2, refusal)
@@ -86,6 +87,7 @@ contains
       integer(i8) :: n
 
       call read_points(points, model, npath, w, q, p, refusal)
+      if (.not. allocated(refusal)) call points%model%require_gradient('symsde_model_hessian', 'a Hessian', refusal)
       if (.not. (c_associated(hqq) .or. c_associated(hqp) .or. c_associated(hpp))) &
          call require(hqq, 'hqq (and hqp and hpp)', refusal)
       n = int(points%ndof, i8)**2

@@ -29,6 +29,7 @@ module symsde_capi_joint
    public :: symsde_model_set_pull
    public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part, &
              symsde_model_set_action_kicks
+   public :: find_callback_model
 
 contains
 
@@ -237,6 +238,7 @@ contains
          traits = known%traits
          if (allocated(traits%quadratic_part)) deallocate (traits%quadratic_part)
          if (c_associated(second)) then
+            call known%require_gradient('symsde_model_set_quadratic_part', 'a declared quadratic part', refusal)
             call view(second, 2_i8*traits%ndof, 2_i8*traits%ndof, given)
             traits%quadratic_part = given
             call check_traits('symsde_model_set_quadratic_part', known%name, traits, refusal)

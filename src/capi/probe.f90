@@ -41,6 +41,8 @@ contains
       type(model_traits) :: found
       logical :: decided
 
+      call model%require_gradient('symsde_model_set_probed_traits', 'a probe of traits', error)
+      if (allocated(error)) return
       call find_traits(model, t, q, p, found, decided)
       if (.not. decided) then
          call raise(error, invalid_argument, 'symsde_model_set_probed_traits', 'the gradient of model '//model%name// &

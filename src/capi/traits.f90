@@ -25,6 +25,7 @@ module symsde_capi_traits
       type(c_ptr) :: silent
       integer(c_int32_t) :: constant_mass, diagonal_mass
       type(c_ptr) :: touches_from, touches
+      integer(c_int32_t) :: has_gradient, has_parts
    end type c_traits
 
 contains
@@ -56,6 +57,8 @@ contains
       filled%diagonal_mass = merge(1, 0, traits%diagonal_mass)
       filled%bandwidth = traits%bandwidth
       filled%has_value = merge(1, 0, traits%has_value)
+      filled%has_gradient = merge(1, 0, traits%has_gradient)
+      filled%has_parts = merge(1, 0, traits%has_parts)
       filled%has_hessian = merge(1, 0, traits%has_hessian)
       filled%has_hessian_vector = merge(1, 0, traits%has_hessian_vector)
       filled%max_frequency = traits%max_frequency

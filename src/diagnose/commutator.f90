@@ -68,6 +68,7 @@ contains
       integer(i8) :: done, nbracket
       integer :: j, k
 
+      call model%require_gradient('commutator', 'a bracket of Hamiltonians', error)
       if (allocated(error)) return
       if (any(shape(q) /= shape(p)) .or. size(q, 2) /= model%traits%ndof .or. size(q, 1) < 1) then
          call raise(error, wrong_shape, 'commutator', 'q is ('//to_text(size(q, 1))//','//to_text(size(q, 2))// &

@@ -209,6 +209,7 @@ contains
       integer :: k
 
       call model%refuse_forces('exact_solution', 'the exact solution', error)
+      call model%require_gradient('exact_solution', 'the exact solution', error)
       if (allocated(error)) return
       if (model%damping%acts()) then
          call recognise_linear(model, options, system, error)

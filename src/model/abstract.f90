@@ -17,7 +17,7 @@ module symsde_model_abstract
    use symsde_base_kinds, only: wp
    use symsde_base_lane_paths, only: lane_paths
    use symsde_base_probe_record, only: probe_record
-   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_base_status, only: error_type, raise, incompatible, missing_operation
    use symsde_base_traits, only: model_traits, force_traits
    use symsde_model_forces, only: force_type
    implicit none
@@ -53,6 +53,7 @@ module symsde_model_abstract
       procedure :: set_forces
       procedure :: refuse_open
       procedure :: refuse_forces
+      procedure :: require_gradient
       procedure :: calls_users
       procedure :: force
       procedure :: force_derivative
@@ -283,6 +284,17 @@ contains
          call raise(error, incompatible, place, 'forces act on model '//self%name//', and '//what//' is that of a '// &
                     'system without them: use the model without forces')
    end subroutine refuse_forces
+
+   !> Refuse a model without gradients, of which flows of two parts of H are all that is given (missing_operation).
+   subroutine require_gradient(self, place, what, error)
+      class(model_type), intent(in) :: self
+      character(*), intent(in) :: place, what   !! see refuse_open
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (self%traits%has_gradient .or. allocated(error)) return
+      call raise(error, missing_operation, place, 'model '//self%name//' gives flows of two parts of H (drift, '// &
+                 'kick) and no gradient, which '//what//' takes: give it a gradient, too')
+   end subroutine require_gradient
 
    !> Fhat = sum_j w_j F_j; zero without forces. An error code of the forces is kept like that of the model's own
    !> functions.

@@ -46,6 +46,9 @@ module symsde_model_kernels
       procedure :: squares => squares_missing
       procedure :: pull => pull_missing
       procedure :: has_flow => has_no_flow
+      procedure :: steps_by_parts => has_no_flow
+      procedure :: drift => drift_missing
+      procedure :: kick => kick_missing
       procedure :: flow => no_flow
    end type kernel_model
 
@@ -195,7 +198,30 @@ contains
       c = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine pull_missing
 
-   !> Whether `flow` can take steps by this map.
+   !> The exact flow of a part D of H, from the time t to t + tau; called only with the trait has_parts.
+   subroutine drift_missing(self, nlane, ndof, t, tau, q, p, qn, pn)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: t, tau, q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: qn(nlane, ndof), pn(nlane, ndof)
+
+      qn = ieee_value(1.0_wp, ieee_quiet_nan)
+      pn = qn
+   end subroutine drift_missing
+
+   !> The exact flow, over one unit of time, of sum_j w_j K_j at the time t, K_0 = H - D and K_k = H_k, all of which
+   !> commute; called only with the trait has_parts.
+   subroutine kick_missing(self, nlane, ndof, nnoise, t, w, q, p, qn, pn)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: qn(nlane, ndof), pn(nlane, ndof)
+
+      qn = ieee_value(1.0_wp, ieee_quiet_nan)
+      pn = qn
+   end subroutine kick_missing
+
+   !> Whether `flow` can take steps by this map; and whether it makes them of `drift` and `kick` (steps_by_parts).
    pure logical function has_no_flow(self, map) result(has_flow)
       class(kernel_model), intent(in) :: self
       type(step_map), intent(in) :: map

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    additive        H_k linear in (q, p)          identity_mass   H = p.p/2 + U(t,q)
 !>    position_noise  H_k(t,q)                      constant_mass   H = p.M^-1 p/2 + U(t,q)
+!>    parts           flows of D and of sum_j w_j K_j,  H = D + K_0, K_k = H_k, {K_i, K_j} = 0
 !>
 !> Compare the needs of a scheme with the traits that a model declares.
 module symsde_scheme_needs
@@ -8,7 +9,7 @@ module symsde_scheme_needs
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: find_missing
+   public :: find_missing, by_parts
 
 contains
 
@@ -22,6 +23,18 @@ contains
 
       noisy = traits%nnoise > 0
       associate (needs => scheme%needs)
+         if (by_parts(scheme, traits)) return
+         if (.not. traits%has_gradient) then
+            if (needs%parts_will_do .and. traits%has_parts) then
+               missing = 'a system without forces, where flows of two parts of H (drift, kick) are all that is given'
+            else if (needs%quadratic_will_do) then
+               missing = 'brackets {K_i, {K_j, D}} of kicks and drift, for which it takes second derivatives D_pp '// &
+                         'by the momenta: two flows (drift, kick) do not tell them'
+            else
+               missing = 'gradients of the Hamiltonians, and there are but flows of two parts of H (drift, kick)'
+            end if
+            return
+         end if
          ! Galerkin schemes with more nodes than the degree accept noise in position, or additive noise on q as well if
          ! drift and noise have equal weights: then all nodes get the same velocity from the noise.
          will_do = .false.
@@ -52,5 +65,13 @@ contains
          if (allocated(missing) .and. allocated(needs%why)) missing = missing//', because '//needs%why
       end associate
    end subroutine find_missing
+
+   !> Whether flows of two parts of H, which the model gives, serve the scheme. Forces do not commute with kicks.
+   pure logical function by_parts(scheme, traits)
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+
+      by_parts = scheme%needs%parts_will_do .and. traits%has_parts .and. .not. traits%forces%act()
+   end function by_parts
 
 end module symsde_scheme_needs

@@ -66,6 +66,7 @@ module symsde_scheme_scheme
       logical :: constant_mass = .false.      !! met by identity_mass, too
       logical :: quadratic_will_do = .false.  !! instead of constant_mass: a declared quadratic part
       logical :: actions_will_do = .false.    !! instead of position_noise, kicks by functions of the actions
+      logical :: parts_will_do = .false.      !! instead of all needs, exact flows of a drift and of commuting kicks
       logical :: rotation = .false.           !! frequencies of the linear part of H
       character(:), allocatable :: why        !! reason of the needs, for messages
       character(:), allocatable :: instead    !! scheme for models that do not meet the needs

@@ -108,6 +108,7 @@ contains
                                  instead='gauss2_strong32 for strong order 3/2, or midpoint')
       if (kicks%is_word() .or. kicks%rational) scheme%needs%quadratic_will_do = .false.
       scheme%needs%actions_will_do = scheme%needs%quadratic_will_do .and. .not. has_products(kicks)
+      scheme%needs%parts_will_do = scheme%needs%actions_will_do
       if (kicks%is_word()) scheme%needs%instead = 'midpoint'  ! schemes with brackets refuse damped models
       if (kicks%flow == flow_midpoint .and. has_products(kicks)) scheme%needs%instead = 'gauss_dkdkd_midpoint'
       if (kicks%uses_dz()) scheme%asks = functionals([path_dz])

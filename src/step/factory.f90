@@ -24,7 +24,8 @@ module symsde_step_factory
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_free, flow_midpoint
-   use symsde_scheme_needs, only: find_missing
+   use symsde_base_traits, only: model_traits
+   use symsde_scheme_needs, only: find_missing, by_parts
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
                                    correction_increments, frame_shift, frame_mean_path, frame_rotation, ito_form, &
                                    galerkin_form, splitting_form, bracket_terms, frame_none
@@ -210,6 +211,7 @@ contains
       call check_damping_noise(task, error)
       call check_forces(task, error)
       call find_flow(task)
+      call check_parts(task, options, error)
    end subroutine resolve_task
 
    !> Choose and make a stepper for blocks of nlane lanes: the first of the list that fits the task. The model is a
@@ -444,6 +446,11 @@ contains
       ! `missing` lists the missing traits in the words of the message.
       call find_missing(scheme, model%traits, missing)
       if (.not. allocated(missing)) return
+      if (.not. model%traits%has_gradient) then
+         call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; use '// &
+                    'gauss_dkdkd, or verlet_dkd_weak2 for means, or give model '//model%name//' a gradient, too')
+         return
+      end if
       instead = scheme%needs%instead
       if (model%traits%kicks_of_actions) instead = 'gauss_dkdkd, or midpoint'
       ! Schemes of brackets and of kicks refuse such models.
@@ -451,6 +458,35 @@ contains
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &
                  model%name//' does not declare it: use '//instead)
    end subroutine check_needs
+
+   !> Refuse tasks that steps made of two given flows do not serve, unless other steppers do by what the model declares
+   !> beside the flows.
+   subroutine check_parts(task, options, error)
+      type(stepper_task), intent(in) :: task
+      type(stepper_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      type(model_traits) :: others
+      character(:), allocatable :: missing, why
+
+      if (allocated(error) .or. .not. by_parts(task%scheme, task%model%traits)) return
+      others = task%model%traits
+      others%has_parts = .false.
+      call find_missing(task%scheme, others, missing)
+      if (.not. allocated(missing)) return
+      if (task%damping%acts()) then
+         why = 'is damped, and its flows drift and kick are those of a closed system: give them a model without damping'
+      else if (options%general) then
+         why = 'gives the flows drift and kick, of which the general stepper knows nothing: leave the option '// &
+               'general out'
+      else if (options%as_increments) then
+         why = 'gives the flows drift and kick, which tell states and no increments: leave compensated sums out'
+      else if (allocated(task%flow)) then
+         return
+      else
+         why = 'gives the flows drift and kick, whose steps iterate nothing: leave the number of iterations out'
+      end if
+      call raise(error, incompatible, 'new_stepper', 'scheme '//task%scheme%name//': model '//task%model%name//' '//why)
+   end subroutine check_parts
 
    !> Decide which correction is active: auto means the increments form, or none if it vanishes. A scheme needs a
    !> correction if its coefficient 1/2 - lambda is not zero. A vanishing correction is never computed, even if

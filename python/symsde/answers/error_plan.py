@@ -122,6 +122,8 @@ def default_schemes(model: Model) -> list[str]:
     """
     if not isinstance(model, Model):
         return [*_COMPARED]
+    if not model.traits.has_gradient:
+        return ["gauss_dkdkd"]
     return [*_COMPARED, *(("gauss_dkdkd", "chin4a") if model._kicked else ("gauss_dkdkd",) if model._turned else ())]
 
 

@@ -109,13 +109,15 @@ class Model(OpenSystem):
         *,
         ndof: int,
         nnoise: int,
-        gradient: Any,
+        gradient: Any = None,
         value: Any = None,
         hessian: Any = None,
         hessian_vector: Any = None,
         gradient_hessian: Any = None,
         third_derivative: Any = None,
         chain_rows: Any = None,
+        drift: Any = None,
+        kick: Any = None,
         separable: bool = False,
         additive: bool = False,
         position_noise: bool = False,
@@ -164,10 +166,12 @@ class Model(OpenSystem):
             "gradient_hessian": gradient_hessian,
             "third_derivative": third_derivative,
             "chain_rows": chain_rows,
+            "drift": drift,
+            "kick": kick,
         }
         kinds = user_handles.kinds_of(functions)
         self.in_python = "Python" in kinds  #: whether some callback is a Python function
-        flows = user_handles.checked_flows(flows)
+        flows = user_handles.checked_flows(flows, drift is not None)
         kinds |= {"compiled"} if flows else set()
         if any_lanes is None:
             any_lanes = callbacks.takes_any_lanes([*functions.values(), *flows.values()])

@@ -85,8 +85,9 @@ class OpenSystem:
 
     @property
     def _turned(self) -> bool:
-        """Whether kicks by functions of the actions fit, which do not commute with forces."""
-        return self.traits.turned and not self._forces
+        """Whether kicks by functions of the actions fit, or flows of two parts of H are all that is given; neither
+        commutes with forces."""
+        return (self.traits.turned or not self.traits.has_gradient) and not self._forces
 
     @property
     def _noise_commutes(self) -> bool:
@@ -95,7 +96,7 @@ class OpenSystem:
             return True
         if self._forces.noise_force is not None:
             return self.traits.position_noise and self._forces.noise_force_in_position
-        return self.traits.additive or self.traits.position_noise
+        return self.traits.additive or self.traits.position_noise or self.traits.has_parts
 
     @property
     def has_friction(self) -> bool:

@@ -17,7 +17,7 @@ from .split import Split
 
 #: traits that are true or false; each names a property of the Hamiltonians
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass", "diagonal_mass")
-_KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
+_KNOWN = ("has_value", "has_hessian", "has_hessian_vector", "has_gradient", "has_parts")
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ class Traits:
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
+    has_gradient: bool  #: gradients can be evaluated; without them there are drift and kick alone
+    has_parts: bool  #: drift and kick are there, exact flows of two parts of H
 
     @property
     def kicked(self) -> bool:

@@ -12,6 +12,12 @@ import numpy as np
 from ..errors import IncompatibleError, WrongTypeError
 from ..native import abi, callbacks, checks, handles
 
+#: exact flows of two parts of H
+PARTS = ("drift", "kick")
+
+#: schemes whose steps are made of them
+STEPPED_BY_PARTS = ("gauss_dkdkd", "verlet_dkd_weak2")
+
 
 class ModelHandle(handles.Handle):
     """A handle of a model, and the exceptions of the callbacks of its calls."""
@@ -35,10 +41,16 @@ def builtin(name: str, parameters: Mapping[str, float]) -> ModelHandle:
 def of_user(name: str, traits: abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
     """A handle of a user's model, with callbacks that store their exceptions for this handle alone."""
     failures = callbacks.Failures()
-    (*plain, joint, third, rows), user = _all_callbacks(functions, failures)
-    pointer = ctypes.c_void_p()
-    handles.call("model_new", handles.encode(name), ctypes.byref(traits), *plain, user, ctypes.byref(pointer))
-    handle = ModelHandle(pointer, (plain, joint, third, rows, tuple(functions.values())), failures)
+    found, user = _all_callbacks(functions, failures)
+    (*plain, joint, third, rows, drift, kick), pointer = found, ctypes.c_void_p()
+    text, known, made = handles.encode(name), ctypes.byref(traits), ctypes.byref(pointer)
+    if functions["gradient"] is None:
+        handles.call("model_new_parts", text, known, drift, kick, plain[1], user, made)
+    else:
+        handles.call("model_new", text, known, *plain, user, made)
+    handle = ModelHandle(pointer, (found, tuple(functions.values())), failures)
+    if drift and functions["gradient"] is not None:
+        handles.call("model_set_parts", pointer, drift, kick)
     if joint:
         handles.call("model_set_gradient_hessian", pointer, joint)
     if third:
@@ -96,10 +108,14 @@ def with_probed_traits(make: Callable[[], ModelHandle], ndof: int) -> ModelHandl
     return handle
 
 
-def checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
+def checked_flows(flows: Mapping[str, Any] | None, by_parts: bool = False) -> dict[str, Any]:
     """Check whole steps by scheme; functions that are not compiled are refused."""
     given = checks.table("flows", {} if flows is None else flows)
     for scheme, function in given.items():
+        if by_parts and scheme in STEPPED_BY_PARTS:
+            raise IncompatibleError(
+                f"flows[{scheme!r}] beside drift and kick, which make these steps: leave one of them out"
+            )
         if callbacks.compiled("flow", function) is None:
             raise WrongTypeError(
                 f"flows[{scheme!r}] = {checks.shown(function)} is not compiled: give a numba cfunc of "
@@ -110,8 +126,13 @@ def checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def kinds_of(functions: dict[str, Any]) -> set[str]:
     """The kinds of functions, Python or compiled; refuses anything else."""
-    if functions["gradient"] is None:
+    given = {kind for kind, function in functions.items() if function is not None}
+    if len(given & set(PARTS)) == 1:
+        raise WrongTypeError("drift and kick go together: give both, the exact flows of D and of sum_j w[j] K_j")
+    if "gradient" not in given and not given.issuperset(PARTS):
         raise WrongTypeError("gradient is None: give the gradient of the weighted sum of the Hamiltonians")
+    if more := sorted(given - {*PARTS, "value"}) if "gradient" not in given else []:
+        raise WrongTypeError(f"{more[0]} without gradient: give gradient beside drift and kick, or leave {more[0]} out")
     kinds = set()
     for kind, function in functions.items():
         if function is None:
@@ -124,7 +145,7 @@ def kinds_of(functions: dict[str, Any]) -> set[str]:
                 "compile it, or leave it out"
             )
         elif callable(function):
-            checks.takes(kind, function, "t", "w", *callbacks.VECTORS[kind])
+            checks.takes(kind, function, "t", "tau" if kind == "drift" else "w", *callbacks.VECTORS[kind])
             kinds.add("Python")
         else:
             raise WrongTypeError(

@@ -54,6 +54,8 @@ class Traits(Structure):
         ("diagonal_mass", c_int32),
         ("touches_from", POINTER(c_int32)),
         ("touches", POINTER(c_int32)),
+        ("has_gradient", c_int32),
+        ("has_parts", c_int32),
     )
 
 
@@ -230,6 +232,12 @@ CALLBACKS["chain_rows"] = CFUNCTYPE(
 CALLBACKS["squares"] = CFUNCTYPE(
     *(c_int,) * 4, c_double, *(c_void_p,) * 4
 )  # int f(nlane, ndof, nham, t, q, g, k, user)
+CALLBACKS["drift"] = CFUNCTYPE(
+    c_int, c_int, c_int, c_double, c_double, *(c_void_p,) * 5
+)  # int f(nlane, ndof, t, tau, q, p, qn, pn, user)
+CALLBACKS["kick"] = CFUNCTYPE(
+    *(c_int,) * 4, c_double, *(c_void_p,) * 6
+)  # int f(nlane, ndof, nham, t, w, q, p, qn, pn, user)
 CALLBACKS["pull"] = CFUNCTYPE(
     *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 7
 )  # int f(nlane, ndof, nham, nmoving, nstep, t, h, part, dw, q, theta, u, c, user)
@@ -322,6 +330,15 @@ FUNCTIONS = {
         _handle_out,
         _error,
     ),
+    "model_new_parts": (
+        c_char_p,
+        POINTER(Traits),
+        *(CALLBACKS[kind] for kind in ("drift", "kick", "value")),
+        c_void_p,
+        _handle_out,
+        _error,
+    ),
+    "model_set_parts": (_handle, CALLBACKS["drift"], CALLBACKS["kick"], _error),
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
     "model_set_chain_rows": (_handle, CALLBACKS["chain_rows"], _error),
     "model_set_squares": (_handle, CALLBACKS["squares"], _error),

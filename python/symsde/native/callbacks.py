@@ -34,6 +34,8 @@ RETURNS = {
     "third_derivative": ("uq", "up"),
     "force": ("f",),
     "force_derivative": ("fq", "fp"),
+    "drift": ("qn", "pn"),
+    "kick": ("qn", "pn"),
 }
 # kind -> vectors (dof, lane) among the inputs of a Python function, after t and w
 VECTORS = dict.fromkeys(RETURNS, ("q", "p"))
@@ -106,6 +108,8 @@ def _shape(name: str, nlane: int, ndof: int) -> tuple[int, ...]:
 
 def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CFuncPtr:
     """Make a callback of this kind from a Python function f(t, w, q, p, ...)."""
+    if kind == "drift":
+        return _drift_from_python(function, failures)
     names, nvector = RETURNS[kind], len(VECTORS[kind])
 
     def callback(nlane, ndof, nham, t, w, *addresses):
@@ -120,6 +124,23 @@ def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CF
         return 0
 
     return abi.CALLBACKS[kind](callback)
+
+
+def _drift_from_python(function: Callable, failures: Failures) -> ctypes._CFuncPtr:
+    """Make a callback from a Python function drift(t, tau, q, p), which has a time in the place of weights."""
+
+    def callback(nlane, ndof, t, tau, *addresses):
+        try:
+            shape, targets = (ndof, nlane), addresses[2:]
+            q, p = (view(a, shape).copy() for a in addresses[:2])
+            results = _unpacked("drift", RETURNS["drift"], function(t, tau, q, p))
+            for name, value, target in zip(RETURNS["drift"], results, targets[:-1], strict=True):
+                store_result(f"{name} of drift()", value, target, shape)
+        except BaseException as error:  # raise_stored raises the exception later
+            return failures.store(error)
+        return 0
+
+    return abi.CALLBACKS["drift"](callback)
 
 
 def _unpacked(kind: str, names: tuple[str, ...], result: object) -> tuple:
@@ -221,7 +242,7 @@ def takes_any_lanes(functions: Iterable[object]) -> bool:
 
 
 def numba_signature(kind: str):
-    """Signature of a function of a model (gradient, value, hessian, .., flow, chain_rows) for numba.cfunc.
+    """Signature of a function of a model (gradient, value, hessian, .., drift, kick, flow, chain_rows) for numba.cfunc.
 
     Inside the function, with the shapes of `Model`:
 

@@ -94,6 +94,7 @@ contains
       if (allocated(options%common_noise)) run%common = [(any(options%common_noise == k), k=1, run%nnoise)]
       run%position_noise = model%traits%position_noise
       run%has_value = model%traits%has_value
+      run%has_gradient = model%traits%has_gradient
       run%model => model
    end subroutine new_observed_run
 

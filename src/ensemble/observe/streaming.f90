@@ -48,7 +48,7 @@ module symsde_ensemble_observe_streaming
       integer :: nnoise = 0
       integer :: law = law_gaussian           !! law of the increments drawn
       logical, allocatable :: common(:)       !! noises that all paths share, by the options (nnoise)
-      logical :: position_noise = .false., has_value = .false.  !! traits of the model
+      logical :: position_noise = .false., has_value = .false., has_gradient = .true.  !! traits of the model
       class(model_type), pointer :: model => null()  !! the model, for observers that need more than values
       class(observables_type), pointer :: observables => null()  !! the user's values, likewise
    end type observed_run

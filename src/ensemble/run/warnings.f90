@@ -174,6 +174,7 @@ contains
       real(wp), dimension(nlane, model%traits%ndof) :: hq, hp
       real(wp) :: largest, state
 
+      if (.not. model%traits%has_gradient) return
       call look_at(0, w)
       call model%gradient(nlane, model%traits%ndof, model%traits%nnoise, options%t0, w, q, p, hq, hp)
       largest = abs(options%step)*max(maxval(abs(hq(1, :))), maxval(abs(hp(1, :))))
@@ -205,6 +206,7 @@ contains
       bounds%frequency_source = 'declared'
       bounds%lipschitz_source = 'declared'
       bounds%nnoise = model%traits%nnoise
+      if (.not. model%traits%has_gradient) return
       if (.not. (bounds%frequency > 0 .or. (by_part .and. model%traits%kicks_of_actions))) then  ! turns have no limit
          bounds%frequency_source = 'estimated at the initial state'
          call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked, by_part)

@@ -19,6 +19,7 @@ module symsde_model_probe_traits
    use symsde_model_probe_forces, only: probe_forces
    use symsde_model_probe_gradient, only: probe_gradient
    use symsde_model_probe_mass, only: compare_mass, compare_quadratic, compare_turns
+   use symsde_model_probe_parts, only: probe_parts
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, worst, &
                                         largest_entry
    use symsde_model_probe_rows, only: probe_rows
@@ -57,6 +58,12 @@ contains
                           'system, or a smaller bandwidth', here, error)
       if (allocated(error)) return
       call new_probe_points(points, model, t, q0, p0)
+      rows => kernels_of(model)
+      if (model%traits%has_parts .and. associated(rows)) call probe_parts(points, rows, error, decided)
+      if (.not. model%traits%has_gradient) then
+         call model%clear_failure()
+         return
+      end if
       call probe_gradient(points, error)
       call probe_forces(points, error)
       call probe_damping(points, error)
@@ -73,7 +80,6 @@ contains
       end do
       call points%take_all()
       call probe_derivatives_of_all(points, error)
-      rows => kernels_of(model)
       if (associated(rows)) then
          if (rows%offers%rows) call probe_rows(points, rows, error)
          if (rows%offers%squares) call probe_squares(points, rows, error)

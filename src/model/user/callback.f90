@@ -32,16 +32,18 @@ module symsde_model_user_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_user_failures, only: failure_record
    use symsde_model_user_outputs, only: little, find_room, spoil
+   use symsde_model_user_parts, only: user_parts, refuse_declarations
    use symsde_model_user_path_parameters, only: path_parameters, lane_call
    use symsde_model_user_whole, only: whole_hessian, whole_gradient_hessian
    use symsde_model_parameters, only: check_traits
    implicit none
    private
-   public :: callback_model, new_callback_model
+   public :: callback_model, new_callback_model, new_parts_model
 
    type, extends(kernel_model) :: callback_model
       private
       type(user_flows) :: flows                  !! whole steps by maps
+      type(user_parts) :: parts                  !! exact flows of two parts of H
       procedure(gradient_callback), pointer, nopass :: on_gradient => null()
       procedure(value_callback), pointer, nopass :: on_value => null()
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
@@ -63,6 +65,10 @@ module symsde_model_user_callback
       procedure :: gradient_hessian
       procedure :: has_flow
       procedure :: flow
+      procedure :: steps_by_parts
+      procedure :: drift
+      procedure :: kick
+      procedure :: set_parts
       procedure :: set_gradient_hessian
       procedure :: set_flow
       procedure :: chain_rows
@@ -121,6 +127,57 @@ contains
       call self%failure%begin()
    end subroutine new_callback_model
 
+   !> Make a model from exact flows of two parts of H and, if given, its values: without gradients, so that only steps
+   !> made of the two flows are there. Refuses a missing function (missing_operation), impossible traits (check_traits)
+   !> and declarations that only gradients could test (incompatible).
+   subroutine new_parts_model(self, name, traits, drift, kick, value, user, error)
+      type(callback_model), intent(out) :: self
+      character(*), intent(in) :: name                !! name for messages and reports
+      type(model_traits), intent(in) :: traits        !! sizes, and bounds if any
+      type(c_funptr), intent(in) :: drift             !! a drift_callback
+      type(c_funptr), intent(in) :: kick              !! a kick_callback
+      type(c_funptr), intent(in) :: value             !! a value_callback, or c_null_funptr
+      type(c_ptr), intent(in) :: user                 !! passed to every function unchanged
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call check_traits('new_parts_model', name, traits, error)
+      call refuse_declarations('new_parts_model', name, traits, error)
+      if (allocated(error)) return
+      self%name = name
+      self%traits = traits
+      self%traits%has_gradient = .false.
+      self%traits%has_value = c_associated(value)
+      if (c_associated(value)) call c_f_procpointer(value, self%on_value)
+      self%user = user
+      call self%failure%begin()
+      if (.not. (c_associated(drift) .and. c_associated(kick))) then
+         call raise(error, missing_operation, 'new_parts_model', 'model '''//name//''' lacks the function drift or '// &
+                    'kick; give both, the exact flows of D and of sum_j w_j K_j')
+         return
+      end if
+      call self%set_parts(drift, kick, error)
+   end subroutine new_parts_model
+
+   !> Add exact flows of two parts of H, before the model is used; c_null_funptr for both removes them. Refuses one of
+   !> them alone, and to leave a model without gradients with neither (missing_operation).
+   subroutine set_parts(self, drift, kick, error)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: drift, kick  !! a drift_callback and a kick_callback, or c_null_funptr
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      if ((c_associated(drift) .neqv. c_associated(kick)) .or. &
+          .not. (c_associated(drift) .or. self%traits%has_gradient)) then
+         call raise(error, missing_operation, 'set_parts', "model '"//self%name//"' needs both functions, drift "// &
+                    'and kick: give both, or, where the model has a gradient, none')
+         return
+      end if
+      call self%parts%set(drift, kick)
+      self%traits%has_parts = c_associated(drift)
+      call self%passed%forget()
+   end subroutine set_parts
+
    !> Add a function that computes gradient and Hessian together, before the model is used; it also replaces a missing
    !> Hessian. c_null_funptr removes it.
    subroutine set_gradient_hessian(self, gradient_hessian)
@@ -148,8 +205,51 @@ contains
       class(callback_model), intent(in) :: self
       type(step_map), intent(in) :: map
 
-      has_flow = self%flows%place_of(map) > 0
+      has_flow = self%parts%make(map) .or. self%flows%place_of(map) > 0
    end function has_flow
+
+   !> Whether these whole steps are made of the exact flows of two parts of H, which come before functions of whole
+   !> steps.
+   pure logical function steps_by_parts(self, map)
+      class(callback_model), intent(in) :: self
+      type(step_map), intent(in) :: map
+
+      steps_by_parts = self%parts%make(map)
+   end function steps_by_parts
+
+   !> The exact flow of D from the time t to t + tau.
+   subroutine drift(self, nlane, ndof, t, tau, q, p, qn, pn)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: t, tau, q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: qn(nlane, ndof), pn(nlane, ndof)
+      type(lane_call) :: now
+      integer(i4) :: code
+
+      now%user = self%user
+      code = 0
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
+      call self%parts%drift(.false., nlane, ndof, t, tau, q, p, now%user, qn, pn, code)
+      if (self%parameters%act) call now%leave()
+      if (code /= 0) call self%failure%note(code)
+   end subroutine drift
+
+   !> The exact flow of sum_j w_j K_j, the K_j being those at the time t.
+   subroutine kick(self, nlane, ndof, nnoise, t, w, q, p, qn, pn)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: qn(nlane, ndof), pn(nlane, ndof)
+      type(lane_call) :: now
+      integer(i4) :: code
+
+      now%user = self%user
+      code = 0
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
+      call self%parts%kick(.false., nlane, ndof, nnoise, t, w, q, p, now%user, qn, pn, code)
+      if (self%parameters%act) call now%leave()
+      if (code /= 0) call self%failure%note(code)
+   end subroutine kick
 
    !> Whole steps.
    subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
@@ -168,7 +268,11 @@ contains
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, steps%nlane, self%user, now)
       if (.not. self%passed%is_kept()) call spoil(size(qn), qn, pn)
-      call self%flows%take(map, steps, ndof, now%user, q, p, qn, pn, status, code)
+      if (self%parts%make(map)) then
+         call self%parts%take(self%passed%is_kept(), map, steps, ndof, now%user, q, p, qn, pn, code)
+      else
+         call self%flows%take(map, steps, ndof, now%user, q, p, qn, pn, status, code)
+      end if
       if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
@@ -259,6 +363,10 @@ contains
       type(lane_call) :: now
       integer(i4) :: code
 
+      if (.not. associated(self%on_gradient)) then
+         call spoil(nlane*ndof, hq, hp)
+         return
+      end if
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       if (.not. self%passed%is_kept()) call spoil(nlane*ndof, hq, hp)
@@ -607,6 +715,7 @@ contains
       left%null_accepted = right%null_accepted
       left%offers = right%offers
       left%flows = right%flows
+      left%parts = right%parts
       left%user = right%user
       call left%parameters%share(right%parameters)
       call left%passed%share(right%passed)

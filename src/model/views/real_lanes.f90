@@ -41,6 +41,7 @@ module symsde_model_views_real_lanes
       procedure :: hessian_banded
       procedure :: squares
       procedure :: has_flow
+      procedure :: steps_by_parts
       procedure :: flow
       procedure :: failure_code
       procedure :: clear_failure
@@ -265,6 +266,15 @@ contains
       has_flow = .false.
       if (associated(self%kernels)) has_flow = self%kernels%has_flow(map)
    end function has_flow
+
+   !> Whether the model makes these whole steps of flows of two parts of H.
+   pure logical function steps_by_parts(self, map)
+      class(real_lanes_model), intent(in) :: self
+      type(step_map), intent(in) :: map
+
+      steps_by_parts = .false.
+      if (associated(self%kernels)) steps_by_parts = self%kernels%steps_by_parts(map)
+   end function steps_by_parts
 
    !> Whole steps get the number of real lanes.
    subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)

@@ -141,6 +141,7 @@ contains
 
       self%name = inner%name
       self%traits = inner%traits
+      self%traits%has_parts = .false.
       if (inner%traits%kicks_of_actions) then  ! as the noises of the bath are none
          self%traits%kicks_of_actions = .false.
          deallocate (self%traits%quadratic_part)

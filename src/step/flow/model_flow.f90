@@ -91,9 +91,11 @@ contains
       fast => kernels_of(task%model)
       if (.not. associated(fast) .or. associated(task%model%forces)) return
       if (task%newton%fixed_point /= 0 .or. task%as_increments .or. task%general) return
-      ! Flows read the functionals of their scheme, of which none are drawn if all noises are silent.
+      ! Flows read the functionals of their scheme, of which none are drawn if all noises are silent. Steps made of two
+      ! flows of parts of H do without them.
       if (allocated(task%model%traits%silent)) then
-         if (all(task%model%traits%silent) .and. .not. task%scheme%asks%is_empty()) return
+         if (all(task%model%traits%silent) .and. .not. (task%scheme%asks%is_empty() .or. task%model%traits%has_parts)) &
+            return
       end if
       corrected = task%correction /= correction_none
       if (corrected) then
@@ -149,21 +151,33 @@ contains
          if (task%scheme%form == tableau_form) self%node = task%scheme%c(1)
          if (task%scheme%form == splitting_form) self%kicks = task%scheme%kicks
       end if
-      if (task%drifts_by_part()) then
-         allocate (self%drifts)
-         self%place = [0.0_wp, task%scheme%kicks%c, 1.0_wp]
-         associate (s => task%model%traits%quadratic_part, n => size(self%place) - 1)
-            call new_linear_flow(self%drifts, hamiltonian_field(s), n)
-            allocate (self%turns(n*size(s) + size(s)/4), source=0.0_wp)
-            self%turns(n*size(s) + 1:) = pack(s(:size(s, 1)/2, :size(s, 1)/2), .true.)
-         end associate
-      end if
+      associate (fast => kernels_of(task%model))
+         if (fast%steps_by_parts(self%map)) then
+            self%name = 'kicks and drifts by the model''s own flows'
+         else if (task%drifts_by_part()) then
+            call make_drifts(self, task)
+         end if
+      end associate
       self%max_iter = task%newton%max_iter
       self%most_single = few_of(task%model%traits%ndof, 1, 3)  ! four: .7 to 1.3 of a block's time
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)  ! added by the flow
    end subroutine make
+
+   !> The flows of a quadratic part between the kicks of a scheme.
+   subroutine make_drifts(self, task)
+      class(model_flow_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      allocate (self%drifts)
+      self%place = [0.0_wp, task%scheme%kicks%c, 1.0_wp]
+      associate (s => task%model%traits%quadratic_part, n => size(self%place) - 1)
+         call new_linear_flow(self%drifts, hamiltonian_field(s), n)
+         allocate (self%turns(n*size(s) + size(s)/4), source=0.0_wp)
+         self%turns(n*size(s) + 1:) = pack(s(:size(s, 1)/2, :size(s, 1)/2), .true.)
+      end associate
+   end subroutine make_drifts
 
    !> Among the model's flows find that of the catalogue's scheme with this tableau; the user's name of the scheme does
    !> not matter.

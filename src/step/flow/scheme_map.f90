@@ -69,7 +69,9 @@ contains
          map%equation = gauss2_brackets_map
       case ('verlet_dkd_weak2'); map%equation = drift_kick_drift_map
       case ('verlet_kdk', 'verlet_kdk_strong2'); map%equation = kick_drift_kick_map
-      case ('gauss_dkdkd', 'gauss_dkdkd_strong2'); map%equation = two_kicks_map
+      case ('gauss_dkdkd', 'gauss_dkdkd_strong2')
+         map%equation = two_kicks_map
+         map%products = name /= 'gauss_dkdkd'
       case ('gauss_dkdkd_rotation'); map%equation = two_kicks_rotation_map
       case ('chin4a', 'chin4a_strong2'); map%equation = force_gradient_map
       case default; map%equation = other_map
