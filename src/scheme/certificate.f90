@@ -448,6 +448,7 @@ contains
             value = value//', H = p.M^-1 p/2 + U(q) with a constant mass'
             if (needs%quadratic_will_do) value = value//', or a declared quadratic part of H that holds all p (split)'
             if (needs%actions_will_do) value = value//', or functions of the actions beside it (kicks)'
+            if (needs%parts_will_do) value = value//', or exact flows of two parts of H (drift, kick)'
          end if
          if (needs%rotation) value = value//', frequencies of its linear part (trait rotation)'
       end associate

@@ -214,7 +214,6 @@ contains
       integer, parameter :: most = 17   !! Hamiltonians tried in pairs
       type(flow_type) :: a, b
       type(place_type) :: x, y, far
-      character(:), allocatable :: pair
       integer :: i, j
 
       a = kick
@@ -228,13 +227,13 @@ contains
             if (i == j) then
                call probe_sum(points, a, b, z, 'K_'//to_text(j)//' alone', error)
             else
-               pair = 'K_'//to_text(i)//' and then by K_'//to_text(j)
                call move(a, 1.0_wp, z, x)
                call move(b, 1.0_wp, x, y)
                call move(b, 1.0_wp, z, x)
                call move(a, 1.0_wp, x, far)
-               call compare(points, y, far, z, 'kick by '//pair, 'in the other order', 'kicks K_j that commute, '// &
-                            '{K_i, K_j} = 0, and put what does not into D', error)
+               call compare(points, y, far, z, 'kick by K_'//to_text(i)//' and then by K_'//to_text(j), &
+                            'in the other order', 'kicks K_j that commute, {K_i, K_j} = 0, and put what does '// &
+                            'not into D', error)
                call probe_sum(points, a, b, z, 'K_'//to_text(i)//', v of K_'//to_text(j)//',', error)
             end if
             if (allocated(error)) return
@@ -249,10 +248,16 @@ contains
       character(*), intent(in) :: how, other, remedy
       type(error_type), allocatable, intent(inout) :: error
       type(finding) :: bad
-      real(wp) :: given, right
+      real(wp), allocatable :: dq(:, :), dp(:, :)   !! (nlane, ndof)
+      real(wp) :: given, right, by(nlane), scale(nlane)
 
       if (allocated(error)) return
-      call worst(x%q - y%q, x%p - y%p, judged(x, y, size_of(z)), exact, bad)
+      dq = x%q - y%q
+      dp = x%p - y%p
+      call largest_component(points%ndof, dq, dp, by)
+      scale = size_of(z)
+      where (.not. by <= huge(1.0_wp)) scale = no_verdict   ! a state that is not finite
+      call worst(dq, dp, scale, exact, bad)
       if (bad%lane == 0) return
       associate (l => bad%lane, i => bad%i)
          given = merge(x%q(l, i), x%p(l, i), bad%half == 1)
@@ -261,16 +266,6 @@ contains
                      ', and not '//to_text(right)//' as '//other, bad, remedy, error)
       end associate
    end subroutine compare
-
-   !> The scale of lanes whose states are finite; no_verdict for others.
-   function judged(x, y, scale)
-      type(place_type), intent(in) :: x, y
-      real(wp), intent(in) :: scale(nlane)
-      real(wp) :: judged(nlane), by(nlane)
-
-      call largest_component(size(x%q, 2), x%q - y%q, x%p - y%p, by)
-      judged = merge(scale, no_verdict, by <= huge(1.0_wp))
-   end function judged
 
    !> The flow must keep the area omega of two directions, in two planes, by differences with two steps (probe/points).
    subroutine probe_area(points, flow, z, name, error)
@@ -340,7 +335,9 @@ contains
             x%p = x%p + y%p/drift%tau
          end if
          call points%gradient(hq, hp, slope)
-         call worst(x%q - hp, x%p + hq, slope, vanishing, bad)
+         y%q = x%q - hp
+         y%p = x%p + hq
+         call worst(y%q, y%p, slope, vanishing, bad)
          if (bad%lane == 0) cycle
          associate (l => bad%lane, i => bad%i)
             call refuse(points, 'd'//merge('q_', 'p_', bad%half == 1)//to_text(i)//'/ds at the beginning of '// &

@@ -70,7 +70,9 @@ contains
       integer :: lane
 
       call move(flow, s, z, x)
-      call largest_component(size(z%q, 2), x%q - z%q, x%p - z%p, by)
+      x%q = x%q - z%q
+      x%p = x%p - z%p
+      call largest_component(size(z%q, 2), x%q, x%p, by)
       from = size_of(z)
       motion = 0
       some = .false.
@@ -100,6 +102,7 @@ contains
       real(wp), intent(in), optional :: later   !! how much later than the probe's time it begins
       real(wp), allocatable :: w(:, :)
       real(wp) :: t
+      integer :: k
 
       t = flow%t
       if (present(later)) t = t + later
@@ -108,7 +111,10 @@ contains
          if (.not. allocated(flow%w)) then
             call flow%model%drift(nlane, n, t, s*flow%tau, z%q, z%p, x%q, x%p)
          else
-            w = spread(s*flow%w, 1, nlane)
+            allocate (w(nlane, 0:size(flow%w) - 1))
+            do k = 0, size(flow%w) - 1
+               w(:, k) = s*flow%w(k)
+            end do
             call flow%model%kick(nlane, n, size(flow%w) - 1, t, w, z%q, z%p, x%q, x%p)
          end if
       end associate
@@ -138,7 +144,8 @@ contains
       real(wp) :: e(nlane)
       integer :: i
 
-      e = step*size_of(z)
+      e = size_of(z)
+      e = step*e
       from = z
       do i = 1, size(z%q, 2)
          from%q(:, i) = z%q(:, i) + e*u%q(:, i)

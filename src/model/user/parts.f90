@@ -185,8 +185,9 @@ contains
                call self%kick(sure, n, ndof, m, t + (1 - first)*h, w2, u, v, user, x, y, code)
                call self%drift(sure, n, ndof, t + (1 - first)*h, first*h, x, y, user, u, v, code)
             else
+               w1 = steps%w(:, :, s)
                call self%drift(sure, n, ndof, t, 0.5_wp*h, x, y, user, u, v, code)
-               call self%kick(sure, n, ndof, m, t + 0.5_wp*h, steps%w(:, :, s), u, v, user, x, y, code)
+               call self%kick(sure, n, ndof, m, t + 0.5_wp*h, w1, u, v, user, x, y, code)
                call self%drift(sure, n, ndof, t + 0.5_wp*h, 0.5_wp*h, x, y, user, u, v, code)
             end if
             call exchange(x, u)
