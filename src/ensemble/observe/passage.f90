@@ -95,8 +95,8 @@ contains
                        'be infinite')
          else if (self%bridges .and. .not. run%has_gradient) then
             call raise(error, incompatible, 'new_passage_observer', 'the model gives flows of two parts of H '// &
-                       '(drift, kick) and no gradient, which tells how strong the noise is between two steps: give it '// &
-                       'a gradient, or ask for no bridges; then passages are seen at the ends of steps')
+                       '(drift, kick) and no gradient, which tells how strong the noise is between two steps: give '// &
+                       'it a gradient, or ask for no bridges; then passages are seen at the ends of steps')
          else if (self%bridges .and. run%law /= law_gaussian) then
             call raise(error, incompatible, 'new_passage_observer', 'the '//law_text(run%law)//' increments of '// &
                        'this scheme do not follow a Brownian path, so no Brownian bridge exists between its steps: '// &

@@ -323,6 +323,7 @@ contains
 
       if (allocated(error)) return
       kick = drift
+      allocate (kick%w(0:points%nnoise))
       do k = 0, points%last_sum()
          call points%take_sum(k)
          kick%w = points%w(1, :)*scale
