@@ -11,7 +11,8 @@ module symsde_noise_few_paths
    public :: are_few, draw_few
 
    integer, parameter :: most_few = 8        !! most paths whose draws are made side by side, however many steps
-   integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise
+   integer, parameter :: few_draws = 64      !! most draws of more paths that are made side by side
+   integer, parameter :: most_ahead = 128    !! lanes of the generator for one noise
    integer, parameter :: most_at_once = 256  !! lanes of the generator for several noises
 
 contains
@@ -21,7 +22,7 @@ contains
       integer, intent(in) :: nreal  !! real paths of a block
       integer, intent(in) :: npair  !! pairs of steps
 
-      are_few = nreal <= most_few .or. nreal*((npair + 1)/2) <= most_ahead
+      are_few = nreal <= most_few .or. nreal*((npair + 1)/2) <= few_draws
    end function are_few
 
    !> Draw N(0, scale^2) for the steps 2 pair .. 2 pair + 2 npair - 1 of few paths, `pair` even, and all noises but
@@ -36,24 +37,26 @@ contains
       !> Begins with the column of the first noise in the first step.
       real(wp), intent(inout) :: x(nlane*(ncolumn*(2*npair - 1) + size(silent)))
       integer(i8), dimension(most_at_once) :: paths, draws
-      integer(i8), dimension(most_ahead) :: path_of, draw_of
+      integer(i8), dimension(most_ahead + lane_unit) :: path_of, draw_of
       integer :: noises(most_at_once)
-      real(wp) :: drawn(most_at_once*4)
+      real(wp) :: drawn(most_at_once*4 + lane_unit)  ! vectors are read from any path on
       integer :: ndraw, most, before, some, n, m, used, k, i, j
 
       ndraw = (npair + 1)/2
       most = min(ndraw, most_ahead/nreal)
+      ! Lanes of the generator for a noise: first all paths of one draw, then all paths of the next, whole vectors of
+      ! paths over the rest of the vector before.
+      if (nreal == 1) path_of(:most) = path(1)
+      do j = 0, most - 1
+         draw_of(j*nreal + 1:j*nreal + nreal) = pair/2 + j
+         if (nreal == 1) cycle
+         do i = 0, nreal - 1, lane_unit
+            path_of(j*nreal + i + 1:j*nreal + i + lane_unit) = path(i + 1:i + lane_unit)
+         end do
+      end do
       do before = 0, ndraw - 1, most
          some = min(most, ndraw - before)
-         ! n lanes of the generator for each noise: first all paths of one draw, then all paths of the next.
          n = nreal*some
-         do j = 0, some - 1
-            !GCC$ novector  ! paths are few, and often one
-            do i = 1, nreal
-               path_of(j*nreal + i) = path(i)
-               draw_of(j*nreal + i) = pair/2 + before + j
-            end do
-         end do
          ! k is the last noise that has been packed. The inner loop packs noises until another one would not fit.
          k = 0
          do while (k < size(silent))
@@ -63,7 +66,7 @@ contains
                if (silent(k)) cycle
                do i = 1, n
                   paths(used + i) = merge(0_i8, path_of(i), common(k))
-                  draws(used + i) = draw_of(i)
+                  draws(used + i) = draw_of(i) + before
                   noises(used + i) = k
                end do
                used = used + n
@@ -90,37 +93,49 @@ contains
    end subroutine draw_few
 
    !> Write the numbers of one noise to its column of nstep steps: number i of draw j is that of step 4j + i. Lanes
-   !> beyond the last path repeat it.
+   !> beyond the last path repeat it. A vector of lanes is read from any path on, and the bits of its lanes are chosen
+   !> without branches.
    pure subroutine spread(nlane, nreal, nstep, ncolumn, x, m, w)
       integer, intent(in) :: nlane, nreal, nstep, ncolumn, m
-      real(wp), intent(in) :: x(3*m + nreal*((nstep + 3)/4))  !! numbers i stand m after numbers i - 1
+      !> Numbers i stand m after numbers i - 1; up to a vector beyond the last draw is read and not used.
+      real(wp), intent(in) :: x(3*m + nreal*((nstep + 3)/4) + lane_unit)
       real(wp), intent(inout) :: w(nlane*(ncolumn*(nstep - 1) + 1))
-      integer :: step, lane, first, from, to
+      integer(i8) :: own(lane_unit)  ! all bits in lanes of paths, none beyond
+      integer :: lane, first, draw, i, before
 
-      do step = 0, nstep - 1
-         from = mod(step, 4)*m + (step/4)*nreal
-         to = step*nlane*ncolumn
-         if (nreal == nlane) then
-            do first = 0, nlane - lane_unit, lane_unit
-               !GCC$ unroll 8
-               do lane = first + 1, first + lane_unit
-                  w(to + lane) = x(from + lane)
-               end do
-            end do
-            cycle
-         end if
-         do first = 0, nlane - lane_unit, lane_unit
-            !GCC$ unroll 8
-            do lane = first + 1, first + lane_unit
-               w(to + lane) = x(from + nreal)
+      do first = 0, nlane - lane_unit, lane_unit
+         do lane = 1, lane_unit
+            own(lane) = merge(not(0_i8), 0_i8, first + lane <= nreal)
+         end do
+         ! Vectors without a path read the last vector with one.
+         before = min(first, (nreal - 1)/lane_unit*lane_unit)
+         do draw = 0, nstep/4 - 1
+            !GCC$ unroll 4
+            do i = 0, 3
+               call give(own, nreal, before, x(1 + m*i + nreal*draw), w(1 + first + nlane*ncolumn*(4*draw + i)))
             end do
          end do
-         !GCC$ novector  ! paths are few
-         do lane = 1, nreal - 1
-            w(to + lane) = x(from + lane)
+         do i = 4*(nstep/4), nstep - 1
+            call give(own, nreal, before, x(1 + m*mod(i, 4) + nreal*(nstep/4)), w(1 + first + nlane*ncolumn*i))
          end do
       end do
    end subroutine spread
+
+   !> The numbers of a step for one vector of lanes, of those that begin behind `before` lanes.
+   pure subroutine give(own, nreal, before, x, w)
+      integer(i8), intent(in) :: own(lane_unit)
+      integer, intent(in) :: nreal, before
+      real(wp), intent(in) :: x(max(nreal, before + lane_unit))
+      real(wp), intent(inout) :: w(lane_unit)
+      integer(i8) :: last
+      integer :: lane
+
+      last = transfer(x(nreal), 0_i8)
+      !GCC$ unroll 8
+      do lane = 1, lane_unit
+         w(lane) = transfer(ior(iand(transfer(x(before + lane), 0_i8), own(lane)), iand(last, not(own(lane)))), 0.0_wp)
+      end do
+   end subroutine give
 
    !> spread for a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last draw.
    pure subroutine spread_alone(nstep, ncolumn, x, m, w)
