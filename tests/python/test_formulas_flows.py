@@ -399,6 +399,19 @@ def test_a_far_path_changes_no_other(scheme):
     np.testing.assert_array_equal(alone.p[:, :, 0], far.p[:, :, 7])
 
 
+@pytest.mark.parametrize("scheme", ["symplectic_euler", "stormer_verlet", "chin4a", "midpoint", "gauss2"])
+def test_far_paths_of_one_vector_have_the_bits_of_a_block(scheme):
+    """Eight paths keep their states in registers over many steps; two are beyond the inlined sine's range, where all of
+    these steps are taken again. They have the bits of a block of forty.
+    """
+    mine, q0 = model("one equation"), np.linspace(0.1, 0.9, 40)[None, :].copy()
+    q0[0, 2:5:2] = 3e17  # q does not move; p shows the force
+    few = ss.simulate(mine, **{**RUN, "q0": q0[:, :8], "scheme": scheme}, steps=50, save_every=10, paths=8)
+    wide = ss.simulate(mine, **{**RUN, "q0": q0, "scheme": scheme}, steps=50, save_every=10, paths=40)
+    np.testing.assert_array_equal(few.q, wide.q[:, :, :8])
+    np.testing.assert_array_equal(few.p, wide.p[:, :, :8])
+
+
 @pytest.mark.parametrize("scheme", (*ALL, *emit_flow.CLOSED))
 def test_angles_below_an_eighth_of_a_turn_alone(scheme):
     """A single path reduces small angles by a shorter way, with the bits of a block."""

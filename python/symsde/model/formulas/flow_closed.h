@@ -35,6 +35,24 @@ INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, L
    return beyond;
 }
 
+/* Steps of a single vector of lanes, one after the other; 0: such a block is taken as others are. */
+enum { STEP_FEW = MAY_BE_FAR ? 8 : 0 };
+
+#if MAY_BE_FAR
+static int64_t STEP_few(const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *restrict y) {
+   double z[STEP_ROWS * STRIP];
+   int64_t beyond = 0;
+   for (int k = 0; k < STEP_ROWS; k++)
+      memcpy(z + k * STRIP, x + k * STRIP, STEP_FEW * sizeof *z);
+#pragma GCC unroll 1
+   for (int j = 0; j < steps; j++)
+      beyond |= STEP_in_lanes(STEP_FEW, 1, stride, w + j * stride, n, c, h FADE, z, z, 0);
+   for (int k = 0; k < STEP_ROWS; k++)
+      memcpy(y + k * STRIP, z + k * STRIP, STEP_FEW * sizeof *z);
+   return beyond;
+}
+#endif
+
 SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    for (int j = 0; j < steps; j++, x = y)
       STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h FADE, x, y, 1);
@@ -85,10 +103,13 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 }
 #endif
 
-/* Steps from x to y: STEP_GROUP or one, or any number of a single path. If lanes may be far, x and y are different
- * arrays, so that steps can be repeated. */
+/* Steps from x to y: STEP_GROUP or one, or any number of a single path or vector. If lanes may be far, x and y are
+ * different arrays, so that steps can be repeated. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    const int64_t beyond = n == 1                ? STEP_alone(steps, STEP_WIDTH * NHAM, w, 1, c, h FADE, x, y)
+#if MAY_BE_FAR
+                          : n == STEP_FEW       ? STEP_few(steps, stride, LANE_OF, x, y)
+#endif
                           : steps == STEP_GROUP ? STEP_in_lanes(lanes, STEP_GROUP, stride, LANE_OF, x, y, 0)
                                                 : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);
    if (MAY_BE_FAR && beyond < 0)

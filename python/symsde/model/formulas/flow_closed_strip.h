@@ -4,7 +4,7 @@ static void STEP_strip(const int lanes, const int nstep, const int max_iter, con
    (void)max_iter, (void)status;
    double other[MAY_BE_FAR ? STEP_ROWS * STRIP : 1], *from = x, *to = MAY_BE_FAR ? other : x;
    for (int left = nstep; left > 0;) {
-      const int some = n == 1 ? left : left >= STEP_GROUP ? STEP_GROUP : 1;
+      const int some = n == 1 || n == STEP_FEW ? left : left >= STEP_GROUP ? STEP_GROUP : 1;
       STEP_several(lanes, some, stride, LANE_OF, from, to);
       left -= some;
       w += some * stride;

@@ -7,7 +7,8 @@ static void STEP_strip(const int lanes, const int nstep, const double *restrict 
    const ptrdiff_t m = lanes; /* rows of weights beside each other stay in cache */
    double *from = x, *to = MAY_BE_FAR ? other : x;
    for (int step = 0; step < nstep;) {
-      const int left = nstep - step, some = lanes == 1 ? (left < FEW ? left : FEW) : left >= STEP_GROUP ? STEP_GROUP : 1;
+      const int left = nstep - step, most = lanes == 1 ? FEW : n == STEP_FEW ? MOST / 8 : STEP_GROUP;
+      const int some = lanes == 1 || n == STEP_FEW ? (left < most ? left : most) : left >= most ? most : 1;
       for (int j = 0; j < some; j++, step++)
          STEP_WEIGH(lanes, h, w + step * NHAM * n, z + step * (NHAM - 1) * n, kk + step * (NHAM - 1) * n, n, law,
                     u + j * ROWS * m, m);

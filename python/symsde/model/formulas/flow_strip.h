@@ -13,7 +13,9 @@ static void STEP_strip(const int lanes, const int nstep, const int max_iter, con
       return;
    }
    for (int step = 0; step < nstep; step++, w += stride) {
-      const int64_t outcome = STEP_PASSone(lanes, max_iter, LANE_OF, from, to, status);
+      /* one vector of lanes keeps its unknowns in registers */
+      const int64_t outcome = lanes == 8 ? STEP_PASSone(8, max_iter, LANE_OF, from, to, status)
+                                         : STEP_PASSone(lanes, max_iter, LANE_OF, from, to, status);
       double *const swap = from;
       from = to;
       to = swap;
