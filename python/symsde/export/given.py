@@ -36,6 +36,7 @@ _TAKEN = frozenset(
             "set_forces",
             "refuse_open",
             "refuse_forces",
+            "require_gradient",
             "forces",
             "force",
             "force_derivative",

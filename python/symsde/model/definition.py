@@ -67,8 +67,8 @@ class Model(OpenSystem):
     ``drift(t, tau, q, p) -> (q, p)`` and ``kick(t, w, q, p) -> (q, p)`` are the exact flows of two parts of
     H = D + K_0: that of D from t to t + tau, and that of sum_j w[j] K_j over one unit of time, K_k = H_k being those at
     t, all of which commute, {K_i, K_j} = 0. ``gauss_dkdkd`` (strong order 3/2) and ``verlet_dkd_weak2`` are made of
-    them, whatever D and the K_j are. They are probed, and compared with the gradient if there is one. Without a gradient, all that
-    takes derivatives of H is refused, and traits are not declared.
+    them, whatever D and the K_j are. They are probed, and compared with the gradient if there is one. Without a
+    gradient, all that takes derivatives of H is refused, and traits are not declared.
 
     ``any_lanes`` says that the results of a lane have the same bits for any number of lanes. The functions are then
     called with the paths alone, without lanes that fill a vector (whole steps: with a single path). This makes one path
