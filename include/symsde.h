@@ -257,7 +257,8 @@ typedef struct symsde_lanes {
    void *user;               /* the user pointer of symsde_model_new */
 } symsde_lanes;
 /* Parameters that differ from path to path, for a model of symsde_model_new: values[nparameter][nrow], which are
- * copied. Path first_path + i of a run has row i, so nrow must be its number of paths; one row is for all paths.
+ * copied. Path first_path + i of a run has row i, so nrow must be its number of paths; one row is for all paths. With
+ * row_paths = n of the options it has row i/n, and nrow is the number of paths divided by n.
  * nparameter = 0 removes them. Calls without paths (probes, diagnoses) have row 0; evaluations at npath = nrow
  * points have row i at point i. No run may be using the model */
 int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow, const double *values,
@@ -430,6 +431,7 @@ typedef struct symsde_options {
    uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; other noises differ by path */
    int64_t noise_paths;    /* n > 0: path first_path + i has the noise of path first_path + i % n; 0 = its own */
    int32_t damping_noise;  /* enum symsde_damping_noise */
+   int64_t row_paths;      /* n: path first_path + i has row i/n of parameters by path (symsde_model_set_parameters); 1 */
 } symsde_options;
 int symsde_options_init(symsde_options *options);
 /* checks options as every function does that takes options, and refuses them with the same sentences */
@@ -544,7 +546,7 @@ typedef struct symsde_moments {
                                  several saved times, up to n lanes (one time at least), with t of the first time */
    int32_t nobserver; /* number of streaming observers */
    symsde_observer *const *observers; /* [nobserver] */
-   int32_t *codes; /* [paths] output: status of each path that was run, 0 = ok; NULL = not wanted */
+   symsde_paths *paths; /* saved paths beside moments, or with q, p NULL their status and last states alone; may be NULL */
 } symsde_moments;
 int symsde_moments_init(symsde_moments *moments);
 int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsde_options *options,

@@ -8,7 +8,7 @@
 !> one repeat it, so that a single path may fill several lanes without `narrow`. Models that are the same for all paths
 !> have no list.
 module symsde_base_lane_paths
-   use symsde_base_kinds, only: i8
+   use symsde_base_kinds, only: wp, i8
    implicit none
    private
    public :: lane_paths, most_deep, narrow, widen
@@ -25,6 +25,7 @@ module symsde_base_lane_paths
       private
       integer :: depth = 0
       integer(i8) :: first = 0            !! first path of the run
+      integer(i8) :: each = 1             !! neighbouring paths with the same place
       integer(i8) :: last_number = 0
       type(path_list) :: lists(0:most_deep)
    contains
@@ -41,13 +42,15 @@ module symsde_base_lane_paths
 contains
 
    !> Begin a block whose lanes are these paths.
-   subroutine begin(self, path, first)
+   subroutine begin(self, path, first, each)
       class(lane_paths), intent(inout) :: self
       integer(i8), intent(in) :: path(:)  !! global index of every lane
       integer(i8), intent(in) :: first    !! global index of the run's first path
+      integer(i8), intent(in) :: each     !! neighbouring paths with the same place
 
       self%depth = 0
       self%first = first
+      self%each = each
       self%lists(0)%path = path
       call give_number(self)
    end subroutine begin
@@ -71,7 +74,8 @@ contains
       number = self%lists(depth)%number
    end subroutine which
 
-   !> The places in the run, from 0 on, of the first nlane lanes of the current list (see find).
+   !> The places in the run, from 0 on, of the first nlane lanes of the current list (see find), counted in paths that
+   !> share one. Quotients of indices below 2^47 are not rounded up to the next integer, and need no integer division.
    subroutine find_places(self, nlane, place)
       class(lane_paths), intent(in) :: self
       integer, intent(in) :: nlane
@@ -81,6 +85,7 @@ contains
       if (self%lists(self%depth)%number == 0) return
       call self%find(nlane, place)
       place = place - self%first
+      if (self%each > 1) place = int(real(place, wp)/real(self%each, wp), i8)
    end subroutine find_places
 
    !> The paths of the first nlane lanes of a call; lanes beyond the last one repeat it. Before a block has begun, as
@@ -89,14 +94,14 @@ contains
       class(lane_paths), intent(in) :: self
       integer, intent(in) :: nlane
       integer(i8), intent(out) :: path(nlane)
-      integer :: lane
+      integer :: n
 
       path = 0
       associate (now => self%lists(self%depth))
          if (.not. allocated(now%path)) return
-         do lane = 1, nlane
-            path(lane) = now%path(min(lane, size(now%path)))
-         end do
+         n = min(nlane, size(now%path))
+         path(:n) = now%path(:n)
+         path(n + 1:) = now%path(size(now%path))
       end associate
    end subroutine find
 

@@ -216,7 +216,7 @@ contains
       do lane = 1, x%nlane
          path(lane) = min(first + lane, x%npath) - 1
       end do
-      if (associated(x%by_path)) call x%paths%begin(path, 0_i8)
+      if (associated(x%by_path)) call x%paths%begin(path, 0_i8, 1_i8)
       call copy_in(x%w, first, x%wb)
       call copy_in(x%q, first, x%qb)
       call copy_in(x%p, first, x%pb)

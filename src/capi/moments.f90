@@ -4,7 +4,7 @@ module symsde_capi_moments
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
       c_ptr, c_size_t, c_sizeof
-   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
@@ -14,10 +14,12 @@ module symsde_capi_moments
    use symsde_capi_observer, only: read_observers, give_observed
    use symsde_capi_observables, only: callback_observables, new_callback_observables
    use symsde_capi_options, only: read_options
+   use symsde_capi_paths, only: read_paths
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_moment_collector, only: max_failed_listed
+   use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_options, only: run_options, saved_count
    use symsde_ensemble_run_simulate, only: moments_type, collect_moments
    use symsde_ensemble_observe_streaming, only: observer_request
@@ -45,7 +47,7 @@ module symsde_capi_moments
       type(c_ptr) :: m2 = c_null_ptr
       integer(c_int32_t) :: observables_lanes = 0, nobserver = 0
       type(c_ptr) :: observers = c_null_ptr
-      type(c_ptr) :: codes = c_null_ptr
+      type(c_ptr) :: paths = c_null_ptr
    end type c_moments
 
 contains
@@ -75,7 +77,7 @@ contains
       type(callback_observables), target :: observables
       type(moments_type) :: result
       type(observer_request), allocatable :: observers(:)
-      integer(i4), pointer, contiguous :: codes(:)
+      type(path_recorder) :: recorder
       integer :: code
 
       call use_model(model, own, m, refusal)
@@ -87,12 +89,13 @@ contains
       if (.not. allocated(refusal)) call read_observers(copy%observers, copy%nobserver, o%npath, &
                                                         observers, refusal)
       if (.not. allocated(refusal)) then
+         if (c_associated(copy%paths)) call read_paths(copy%paths, m%traits%ndof, o, recorder, refusal, .true.)
+      end if
+      if (.not. allocated(refusal)) then
          call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user, &
                                        copy%observables_lanes)
          call begin_at(start, from)
-         nullify (codes)
-         if (c_associated(copy%codes)) call view(copy%codes, o%npath, codes)
-         call collect_moments(m, s, o, start, result, refusal, observers, observables, from%dw, from%monitor, codes)
+         call collect_moments(m, s, o, start, result, refusal, observers, observables, from%dw, from%monitor, recorder)
       end if
       if (.not. allocated(refusal)) then
          call give_observed(result%observed, copy%observers)

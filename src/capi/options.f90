@@ -40,6 +40,7 @@ module symsde_capi_options
       integer(c_int64_t) :: common_noise  ! unsigned in C: bit k - 1 for noise k
       integer(c_int64_t) :: noise_paths
       integer(c_int32_t) :: damping_noise
+      integer(c_int64_t) :: row_paths
    end type c_options
 
 contains
@@ -113,6 +114,7 @@ contains
       c%common_noise = 0
       c%noise_paths = o%noise_paths
       c%damping_noise = o%damping_noise
+      c%row_paths = o%row_paths
       c%compensated = merge(1, 0, o%compensated)
       c%general = merge(1, 0, o%general)
       c%max_iter = o%max_iter
@@ -143,6 +145,7 @@ contains
       o%area_time = c%area_time
       o%noise_paths = c%noise_paths
       o%damping_noise = c%damping_noise
+      o%row_paths = c%row_paths
       o%areas = c%areas
       allocate (o%common_noise(popcnt(c%common_noise)))
       n = 0

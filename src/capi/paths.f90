@@ -23,7 +23,7 @@ module symsde_capi_paths
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: symsde_paths_init, symsde_simulate, symsde_saved_times, read_saved
+   public :: symsde_paths_init, symsde_simulate, symsde_saved_times, read_saved, read_paths
 
    !> struct symsde_paths
    type, bind(c) :: c_paths
@@ -91,25 +91,27 @@ contains
       status = finish(refusal, error)
    end function symsde_saved_times
 
-   !> Make a recorder on the caller's arrays, and fill in the saved times if the caller wants them.
-   subroutine read_paths(given, ndof, options, recorder, error)
+   !> Make a recorder on the caller's arrays, and fill in the saved times if the caller wants them. Where there are
+   !> moments, too, saved states and failed steps may be left out.
+   subroutine read_paths(given, ndof, options, recorder, error, beside)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
       type(run_options), intent(in) :: options
       type(path_recorder), intent(out) :: recorder
       type(error_type), allocatable, intent(inout) :: error
+      logical, intent(in), optional :: beside                !! present if these may be left out
       type(c_paths), target :: copy
       integer(i8) :: n, npath
 
       n = ndof
       npath = options%npath
-      call take_paths(given, ndof, options, recorder, copy, error)
+      call take_paths(given, ndof, options, recorder, copy, error, beside)
       call require(copy%status, 'status', error)
-      call require(copy%failed_step, 'failed_step', error)
+      if (.not. present(beside)) call require(copy%failed_step, 'failed_step', error)
       if (allocated(error)) return
       recorder%first_path = options%first_path
       call view(copy%status, npath, recorder%status)
-      call view(copy%failed_step, npath, recorder%failed_step)
+      if (c_associated(copy%failed_step)) call view(copy%failed_step, npath, recorder%failed_step)
       call view_wanted(copy%last_q, npath, n, recorder%last_q)
       call view_wanted(copy%last_p, npath, n, recorder%last_p)
       call view_wanted(copy%q_low, npath, n, recorder%q_low)
@@ -130,13 +132,14 @@ contains
 
    !> Read the caller's struct, point the recorder to its arrays of saved states, and fill in the saved times if the
    !> caller wants them.
-   subroutine take_paths(given, ndof, options, recorder, copy, error)
+   subroutine take_paths(given, ndof, options, recorder, copy, error, beside)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
       type(run_options), intent(in) :: options
       type(path_recorder), intent(inout) :: recorder
       type(c_paths), intent(out), target :: copy
       type(error_type), allocatable, intent(inout) :: error
+      logical, intent(in), optional :: beside
       integer(i8) :: n, ntime
 
       if (allocated(error)) return
@@ -144,12 +147,13 @@ contains
       ntime = saved_count(options)
       call take_struct(given, 'paths', c_loc(copy), c_sizeof(copy), error)
       call check_sizes(ntime, n, options%npath, 'q', error)
+      if (c_associated(copy%t) .and. .not. allocated(error)) call put_times(copy%t, options)
+      if (present(beside) .and. .not. (c_associated(copy%q) .or. c_associated(copy%p))) return
       call require(copy%q, 'q', error)
       call require(copy%p, 'p', error)
       if (allocated(error)) return
       call view(copy%q, options%npath, n, ntime, recorder%q)
       call view(copy%p, options%npath, n, ntime, recorder%p)
-      if (c_associated(copy%t)) call put_times(copy%t, options)
    end subroutine take_paths
 
    !> View an array that the caller may want, and begin with zeros; null if not.

@@ -29,6 +29,7 @@ module symsde_ensemble_options
       integer :: refine = 0                 !! l > 0: a step is the sum of 2^l draws; l < 0: Brownian bridge
       integer(i8) :: first_path = 0         !! global index of the first path
       integer(i8) :: noise_paths = 0        !! n > 0: path first + i has the noise of path first + mod(i, n)
+      integer(i8) :: row_paths = 1          !! n: path first + i has row i/n of parameters that differ by path
       integer(i8) :: first_step = 0         !! index n of the first step, at t0 + n h; chooses its noise
       integer :: correction = stepper%correction
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
@@ -114,6 +115,9 @@ contains
       else if (o%noise_paths < 0) then
          call refuse('noise_paths = '//to_text(o%noise_paths)//' is not a number of paths: give 1 or more, or 0 '// &
                      'for noise of its own for each path')
+      else if (o%row_paths < 1) then
+         call refuse('row_paths = '//to_text(o%row_paths)//' is not a number of paths with the same parameters: '// &
+                     'give 1 or more')
       else if (o%first_path < 0 .or. o%first_step < 0) then
          call refuse('first_path = '//to_text(o%first_path)//', first_step = '//to_text(o%first_step)// &
                      ': both count from 0, give 0 or more for each')

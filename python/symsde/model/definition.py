@@ -15,6 +15,7 @@ from ..errors import IncompatibleError, SymsdeError, WrongShapeError, WrongTypeE
 from ..native import abi, callbacks, checks, handles
 from ..native.signals import held
 from ..show import html
+from ..show.values import numbered
 from . import built_in, user_handles
 from .forces import given_forces
 from .named import require_names
@@ -292,7 +293,7 @@ class Model(OpenSystem):
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates and then of the momenta in results and files: q_1 .., p_1 .. or the model's own."""
-        return self._coordinates or tuple(f"{x}_{i + 1}" for x in "qp" for i in range(self.ndof))
+        return self._coordinates or numbered(self.traits.ndof)
 
     @property
     def paths(self) -> int:

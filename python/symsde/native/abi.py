@@ -115,6 +115,7 @@ class Options(Structure):
         ("common_noise", c_uint64),
         ("noise_paths", c_int64),
         ("damping_noise", c_int32),
+        ("row_paths", c_int64),
     )
 
     def __reduce__(self) -> tuple:
@@ -263,7 +264,7 @@ class Moments(Structure):
         ("observables_lanes", c_int32),
         ("nobserver", c_int32),
         ("observers", c_void_p),
-        ("codes", c_void_p),
+        ("paths", c_void_p),
     )
 
 

@@ -117,12 +117,20 @@ class Groups:
         labels = np.reshape(labels, -1).astype(np.int32)
         return cls(grid, labels, np.flatnonzero(np.bincount(labels, minlength=grid.count)))
 
+    @classmethod
+    def even(cls, count: int, each: int) -> Groups:
+        """Groups of as many neighbouring paths each."""
+        numbers = np.arange(count, dtype=np.int32)
+        return cls(Grid({"group": numbers}, is_zip=False), np.repeat(numbers, each), numbers)
+
     def part(self, where: slice | np.ndarray) -> Groups:
         """The groups of some paths."""
         return Groups.of(self.grid, self.labels[where])
 
     def places(self) -> np.ndarray:
         """(path,), the place of the group of every path among the numbers."""
+        if len(self.numbers) == self.grid.count:
+            return self.labels
         places = np.zeros(self.grid.count, np.int32)
         places[self.numbers] = np.arange(len(self.numbers))
         return places[self.labels]

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InvalidArgumentError, MissingOperationError, SceneError, SymsdeError
 from ..native import files
 from ..native.checks import counted
-from ..show.values import Values
+from ..show.values import Values, numbered
 from . import groups
 from .observers import observer_results
 from .report import Report, read_report
@@ -113,7 +113,7 @@ class LoadedMoments(_Loaded, MomentTables):
         names = list(tables["mean"])
         self._tables = {kind: np.stack([table[name] for name in names], axis=1) for kind, table in tables.items()}
         ndof = sum(re.fullmatch(r"q_\d+", name) is not None for name in names)
-        self._show_columns(Values(tuple(names), len(_coordinates(attributes, ndof)) // 2))
+        self.values = Values(tuple(names), len(_coordinates(attributes, ndof)) // 2)
 
         wanted = attributes.get("observers", "{}")
         if file.suffix != ".csv":
@@ -179,9 +179,9 @@ def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     return found, json.loads(str(found.pop("attributes")))
 
 
-def _coordinates(attributes: Mapping[str, str], ndof: int) -> list[str]:
+def _coordinates(attributes: Mapping[str, str], ndof: int) -> tuple[str, ...]:
     """Names of coordinates and momenta of a file."""
-    return json.loads(attributes.get("names", "[]")) or [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    return tuple(json.loads(attributes.get("names", "[]"))) or numbered(ndof)
 
 
 def _columns(variables: Mapping[str, np.ndarray], attributes: Mapping[str, str]) -> dict[str, dict[str, np.ndarray]]:

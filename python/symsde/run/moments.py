@@ -26,7 +26,8 @@ from ..native.signals import carry
 from ..show import tables, tabular
 from ..show.values import Values
 from . import bath_temperature
-from .groups import MEANS, GroupedMoments, Groups, groups_of, variables_of
+from .groups import KINDS, MEANS, GroupedMoments, Groups, groups_of, variables_of
+from .kept_paths import KeptPaths
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, merge, structs
@@ -34,13 +35,12 @@ from .report import Reported, filled
 from .saved import MomentTables
 from .setup import RunOptions, Setup, make_setup
 
+_NONE = np.empty(0, np.int64)  #: no failed paths
+
 
 class Moments(MomentTables, Reported):
     """Means, unbiased variances and standard errors of means, at each time over the paths that are ok up to then."""
 
-    mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
-    mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
-    mean: dict[str, np.ndarray]  #: (time,) for each observable; likewise var, se_mean
     m2: np.ndarray  #: (time, value), sums of squared deviations, needed to merge parts of an ensemble exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
     #: sums and counts of each observer, needed to merge parts of an ensemble exactly
@@ -52,10 +52,11 @@ class Moments(MomentTables, Reported):
         observables: Mapping[str, Observable] | Iterable[str],
         observers: Kinds | None = None,
         groups: Groups | None = None,
+        paths: KeptPaths | None = None,
     ):
         """Allocate the moments, also of these observables, and the results of these observers, of each group if there
-        are groups; `fill` computes them."""
-        self.setup, self.groups, self.codes = setup, groups, None
+        are groups; `fill` computes them, and what is kept of paths."""
+        self.setup, self.groups, self.paths_kept = setup, groups, paths
         self.observers = dict(observers or {})
         self._asked = self.observers | ({} if groups is None else {MEANS: requests.Means()})
         if self.observers and setup.saved is not None:
@@ -68,9 +69,9 @@ class Moments(MomentTables, Reported):
         checks.room((3, setup.ntime, nvalue), "the moments (mean, variance, error; time, value)")
         self.t = np.empty(setup.ntime)
         self.n_ok = np.empty(setup.ntime, np.int64)
-        self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
-        self.m2 = np.empty((setup.ntime, nvalue))
-        self._show_columns(Values.of(setup.model.coordinates, self._has_energy, self._observables))
+        *tables, self.m2 = np.empty((4, setup.ntime, nvalue))
+        self._tables = dict(zip(KINDS, tables, strict=True))
+        self.values = Values.of(setup.model.coordinates, self._has_energy, tuple(self._observables))
         scope = Scope(setup, self.values, groups)
         self.kept = {name: scope.room(observer) for name, observer in self._asked.items()}
         if self.observers:
@@ -108,11 +109,6 @@ class Moments(MomentTables, Reported):
                     )
                 taken[variable] = f"the observer {name!r}"
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a copy or a pickle: its columns are views of its own tables."""
-        self.__dict__.update(state)
-        self._show_columns(self.values)
-
     @property
     def scope(self) -> Scope:
         """The setup and the names of values for observers of all paths."""
@@ -145,9 +141,8 @@ class Moments(MomentTables, Reported):
         if self.groups is None:
             return None
         found = GroupedMoments(self, self.groups.grid, self.values, len(self.t))
-        numbers, rows = self.kept[MEANS].groups, self.kept[MEANS].sums
-        rows = rows.reshape(len(numbers), -1, 1 + 2 * len(self.values.names))
-        found.put(numbers, rows if self.setup.saved is None else rows[:, self.setup.rows])
+        numbers = self.kept[MEANS].groups
+        found.put(numbers, self.sums_by_group())
         found.t = self.t
         for name, observer in self.observers.items():
             results = [None] * self.groups.grid.count
@@ -156,6 +151,12 @@ class Moments(MomentTables, Reported):
             found.observed[name] = results
         return found.finish()
 
+    def sums_by_group(self) -> np.ndarray:
+        """(group, time, 1 + 2 value): numbers of paths, means, squares of deviations."""
+        kept = self.kept[MEANS]
+        rows = kept.sums.reshape(len(kept.groups), -1, 1 + 2 * len(self.values.names))
+        return rows if self.setup.saved is None else rows[:, self.setup.rows]
+
     def fill(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library integrate."""
         if self.setup.saved is not None:
@@ -163,13 +164,15 @@ class Moments(MomentTables, Reported):
             return
         failures = callbacks.Failures()
         moments = handles.new(abi.Moments, "moments")
-        arrays = self.t, self.n_ok, self.m2, *(self._tables[kind] for kind in ("mean", "var", "se_mean"))
+        arrays = self.t, self.n_ok, self.m2, *self._tables.values()
         moments.t, moments.n_ok, moments.m2, moments.mean, moments.variance, moments.se_mean = addresses(arrays)
         _bound = bind(observables, self.setup.model, moments, failures)
         if self._asked:
             requested, _made = structs(Scope(self.setup, self.values, self.groups), self._asked, self.kept)
             moments.nobserver, moments.observers = len(self._asked), ctypes.addressof(requested)
-        moments.codes = address(self.codes)
+        if self.paths_kept is not None:
+            kept = self.paths_kept.struct()
+            moments.paths = ctypes.addressof(kept)
         report = handles.new(abi.Report, "report")
         report.threads = 0  # stays 0 if the run does not begin
         in_python = self.setup.model.in_python or are_in_python(observables)
@@ -179,22 +182,23 @@ class Moments(MomentTables, Reported):
             finally:
                 listed = moments.nfailed_listed
                 for name in ("failed", "failed_status", "failed_step"):
-                    setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
+                    setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64) if listed else _NONE.copy())
                 self._keep_report(report)
             self._warn_of_failures()
 
     def _fill_some(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library collect more often than wanted, at equal distances, and keep what is wanted."""
-        whole, rows = Moments(self.setup.whole(), observables, groups=self.groups), self.setup.rows
+        rows, paths = self.setup.rows, self.paths_kept and self.paths_kept.of(self.setup.whole())
+        whole = Moments(self.setup.whole(), observables, None, self.groups, paths)
         try:
-            whole.codes = self.codes
             whole.fill(observables, progress)
         finally:
             if filled(whole):
                 kept = {name: getattr(whole, name)[rows] for name in ("t", "n_ok", "m2")}
                 kept["_tables"] = {kind: x[rows] for kind, x in whole._tables.items()}
-                self.__dict__.update({**whole.__dict__, "setup": self.setup, **kept})
-                self._show_columns(self.values)
+                if paths is not None:
+                    self.paths_kept.take_rows(paths, rows)
+                self.__dict__.update({**whole.__dict__, "setup": self.setup, "paths_kept": self.paths_kept, **kept})
 
     def _integrate(self, moments, report, monitor, failures) -> None:
         setup = self.setup

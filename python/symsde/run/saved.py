@@ -81,24 +81,34 @@ class MomentTables:
     n_ok: np.ndarray  #: (time,), number of paths that are ok up to each time
     _tables: dict[str, np.ndarray]  #: mean, var, se_mean -> (time, value)
 
-    def _show_columns(self, values: Values) -> None:
-        """Set attributes that are columns of the tables: q, p, the energy, observables."""
-        self.values, ndof, has_energy = values, values.ndof, values.has_energy
-        names, first, columns = values.observables, 2 * ndof + has_energy, self.__dict__
-        self._energies = {kind: table[:, 2 * ndof] for kind, table in self._tables.items()} if has_energy else {}
-        for kind, table in self._tables.items():
-            columns[f"{kind}_q"], columns[f"{kind}_p"] = table[:, :ndof], table[:, ndof : 2 * ndof]
-            columns[kind] = {name: table[:, first + i] for i, name in enumerate(names)}
+    def _column(self, kind: str, first: int, last: int) -> np.ndarray:
+        """Some columns of a table, (time, value)."""
+        return self._tables[kind][:, first:last]
 
     def _energy(self, kind: str) -> np.ndarray:
         """The column of the energy in a table."""
-        if not self._energies:
+        if not self.values.has_energy:
             raise no_energy(self.title)
-        return self._energies[kind]
+        return self._tables[kind][:, 2 * self.values.ndof]
 
+    def _of_observables(self, kind: str) -> dict[str, np.ndarray]:
+        """The columns of the observables in a table."""
+        names, table = self.values.names, self._tables[kind]
+        first = 2 * self.values.ndof + self.values.has_energy
+        return {name: table[:, first + i] for i, name in enumerate(names[first:])}
+
+    mean_q = property(lambda self: self._column("mean", 0, self.values.ndof), doc="(time, dof).")
+    mean_p = property(lambda self: self._column("mean", self.values.ndof, 2 * self.values.ndof), doc="(time, dof).")
     mean_energy = property(lambda self: self._energy("mean"), doc="(time,) of H, where it is known.")
+    mean = property(lambda self: self._of_observables("mean"), doc="(time,) of each observable, by name.")
+    var_q = property(lambda self: self._column("var", 0, self.values.ndof), doc="(time, dof).")
+    var_p = property(lambda self: self._column("var", self.values.ndof, 2 * self.values.ndof), doc="(time, dof).")
     var_energy = property(lambda self: self._energy("var"), doc="(time,) of H, where it is known.")
+    var = property(lambda self: self._of_observables("var"), doc="(time,) of each observable, by name.")
+    se_mean_q = property(lambda self: self._column("se_mean", 0, self.values.ndof), doc="(time, dof).")
+    se_mean_p = property(lambda self: self._column("se_mean", self.values.ndof, 2 * self.values.ndof), doc="(time, dof).")
     se_mean_energy = property(lambda self: self._energy("se_mean"), doc="(time,) of H, where it is known.")
+    se_mean = property(lambda self: self._of_observables("se_mean"), doc="(time,) of each observable, by name.")
 
     def columns(self) -> list[str]:
         """Names of the values, in their order: coordinates, momenta, energy, observables.

@@ -167,6 +167,7 @@ class Setup:
         """Origin of the run, as text for files."""
         left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
         left_out |= {name for name in ("noise_paths", "damping_noise") if not getattr(self.options, name)}
+        left_out |= {"row_paths"} if self.options.row_paths == 1 else set()
         names = [name for name, *_ in abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
         chosen["areas"] = abi.AREAS[self.options.areas]
@@ -406,13 +407,14 @@ def setup_of(given: dict[str, Any]) -> Setup:
     take = given.pop
     model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
-    save_at = take("save_at", None)
+    save_at, rows = take("save_at", None), take("row_paths", 1)
     chosen = _options_of(model, given, take("in_python", False))
     if save_at is not None and chosen.save_every != 1:
         raise WrongTypeError("save_at has the times that are saved, and save_every the steps between them: give one")
     saved = None if save_at is None else _saved_steps(save_at, chosen)
     ndof, paths = model.traits.ndof, chosen.paths
-    if model.paths not in (0, paths):
+    chosen.row_paths = rows
+    if model.paths * rows not in (0, paths):
         raise _other_paths(model, paths)
     laws = isinstance(q0, States), isinstance(p0, States)
     shaped = (

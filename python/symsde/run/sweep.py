@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Unpack
 
 import numpy as np
@@ -19,10 +18,11 @@ from ..errors import (
     WrongShapeError,
 )
 from ..model.definition import Model, require_model
-from ..native import checks, files
+from ..native import abi, checks, files
 from ..native.progress import Progress, told_by
 from ..show.values import Values
 from .groups import Grid, GroupedMoments, Groups, refuse_sites
+from .kept_paths import KeptPaths
 from .moments import Moments
 from .observers.observables import (
     Observable,
@@ -30,15 +30,12 @@ from .observers.observables import (
     check_observables,
     described,
     refuse_coordinates,
-    rows_of,
 )
 from .report import Report
 from .setup import RunOptions, Setup, make_setup
-from .simulate import Run
 
-_NUMBERS = 2**23  #: most numbers of the saved paths that are held at once
+_NUMBERS = 2**23  #: numbers of the saved paths of some values that are run at once
 _PATHS = 2**22  #: paths of some values that are run at once, if only their means are kept
-_UNIT = 256  #: if the paths of one value are divided, each part has a multiple of this number of paths
 
 
 class Sweep(GroupedMoments):
@@ -57,7 +54,7 @@ class Sweep(GroupedMoments):
         """Allocate the results."""
         self._setup, self.paths, self._observables = setup, paths, described(observables)
         refuse_coordinates(self._observables, setup.model)
-        values = Values.of(setup.model.coordinates, setup.model.traits.has_value, self._observables)
+        values = Values.of(setup.model.coordinates, setup.model.traits.has_value, tuple(self._observables))
         super().__init__(self, grid, values, setup.ntime)
         ntime, count, ndof = setup.ntime, grid.count, setup.model.ndof
         if keep:
@@ -65,54 +62,23 @@ class Sweep(GroupedMoments):
         self._status = np.full((count, paths), -1, np.int32)
         self._q, self._p = (np.full((ntime, ndof, count, paths), np.nan) for _ in "qp") if keep else (None, None)
 
-    def run_means(self, setup: Setup, functions: Mapping, where: tuple[slice, slice], tell: Progress) -> Report:
-        """Run the paths of some values, and store their moments: of values whose paths have all been run."""
-        points, _ = where
-        grid = Grid({"group": np.arange(points.start, points.stop)}, is_zip=False)
-        found = Moments(setup, functions, None, Groups.of(grid, np.repeat(np.arange(grid.count), self.paths)))
-        found.codes = np.full(setup.paths, -1, np.int32)
+    def run(self, setup: Setup, functions: Mapping, points: slice, tell: Progress) -> Report:
+        """Run the paths of some values, and store the moments of values whose paths have all been run."""
+        count, status = points.stop - points.start, self._status[points]
+        kept = KeptPaths(setup, saved=self._q is not None, status=status.reshape(-1))
+        found = Moments(setup, functions, None, Groups.even(count, self.paths), kept)
         found.fill(functions, tell)
-        here = found.by_group
-        status = found.codes.reshape(-1, self.paths)
-        whole = (here.n_ok[-1] + np.count_nonzero(status > 0, axis=1) == self.paths) & (status >= 0).all(axis=1)
-        at = points.start + np.flatnonzero(whole)
+        sums, whole = found.sums_by_group(), slice(None)
+        if found.report.stopped:
+            was_stopped = (status == abi.STOPPED).any(axis=1)
+            whole = np.flatnonzero(~was_stopped)
+            status[was_stopped], points = -1, points.start + whole
         self.t = found.t
-        self._status[at] = status[whole]
-        self._n[:, at] = here._n[:, whole]
-        self._mean[:, :, at], self._m2[:, :, at] = here._mean[:, :, whole], here._m2[:, :, whole]
-        return found.report
-
-    def run_paths(self, setup: Setup, functions: Mapping, where: tuple[slice, slice], tell: Progress) -> Report:
-        """Run a part of the paths of some values, and store them unless the run is stopped."""
-        run = Run(setup)
-        run.fill(tell)
-        if not run.report.stopped:
-            self.take(run, rows_of(functions, setup.model), *where)
-        return run.report
-
-    def take(self, run: Run, rows: Callable | None, groups: slice, part: slice) -> None:
-        """Store the results of a run: the paths `part` of each of the values `groups`."""
-        self.t = run.t
-        shape = (groups.stop - groups.start, part.stop - part.start)
-        self._status[groups, part] = run.status.reshape(shape)
-        kept = ((self._q, run.q), (self._p, run.p))
-        for mine, theirs in kept:
+        self.put(points, sums[whole])
+        for mine, theirs in ((self._q, kept.q), (self._p, kept.p)):
             if mine is not None:
-                mine[:, :, groups, part] = theirs.reshape(*theirs.shape[:2], *shape)
-        ok = np.isfinite(run.q).all(axis=1) & np.isfinite(run.p).all(axis=1)
-        ok = ok.reshape(len(run.t), *shape)
-        before, here = self._n[:, groups].copy(), ok.sum(axis=2)
-        both = before + here
-        self._n[:, groups] = both
-        for k, column in enumerate(_columns(run, rows)):
-            x = np.where(ok, column.reshape(ok.shape), 0.0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                mean = np.where(here > 0, x.sum(axis=2) / here, 0.0)
-                m2 = (np.where(ok, x - mean[..., np.newaxis], 0.0) ** 2).sum(axis=2)
-                apart = mean - self._mean[k][:, groups]
-                share = np.where(both > 0, here / both, 0.0)
-            self._mean[k][:, groups] += apart * share
-            self._m2[k][:, groups] += m2 + apart**2 * share * before
+                mine[:, :, points] = theirs.reshape(*theirs.shape[:2], count, -1)[:, :, whole]
+        return found.report
 
     def finish(self) -> Sweep:
         """Make the results available as attributes by their names."""
@@ -146,18 +112,6 @@ class Sweep(GroupedMoments):
             if x is not None:
                 found[letter] = (("time", "dof", *dims, "path"), x)
         return found
-
-
-def _columns(run: Run, rows: Callable | None) -> Iterator[np.ndarray]:
-    """Values of a run in the order of columns, (time, path) each."""
-    for x in (run.q, run.p):
-        yield from np.moveaxis(x, 1, 0)
-    if run.has_energy:
-        yield run.energy
-    if rows is not None:
-        with np.errstate(all="ignore"):
-            found = [[x for _, x in rows(t, q, p)] for t, q, p in zip(run.t, run.q, run.p, strict=True)]
-        yield from np.moveaxis(np.array(found), 1, 0)
 
 
 @checks.hinted(*RunOptions.__annotations__)
@@ -223,28 +177,27 @@ def sweep(
                 + ")"
             )
 
-    def made(groups: slice, each: int) -> Model:
-        here = {name: x[groups] for name, x in points.items()}
+    def made(here: slice) -> Model:
+        """The model of some values, one for as many neighbouring paths each."""
         if many:
-            return model.with_parameters(**{name: np.repeat(x, each) for name, x in here.items()})
-        found = model(**{name: float(x[0]) for name, x in here.items()})
+            return model.with_parameters(**{name: x[here] for name, x in points.items()})
+        found = model(**{name: float(x[here.start]) for name, x in points.items()})
         require_model(found)
         return found
 
-    first_path = checks.integer("first_path", options.get("first_path", 0), (0, 2**47))
-    by_means = many and not keep and first_path % _UNIT == 0
-    begun = make_setup(model if many and not model.paths else made(slice(0, 1), paths), paths=paths, **options)
+    begun = make_setup(model if many and not model.paths else made(slice(0, 1)), paths=paths, **options)
     result = Sweep(begun, grid, paths, functions, keep=keep)
-    parts = _values_at_once(count, paths) if by_means else _parts(count, paths, _most(begun), one_by_one=not many)
-    done, total, doubts, report, stopped = 0, count * paths * begun.options.steps, {}, None, False
+    most = _NUMBERS // (2 * begun.ntime * begun.model.ndof) if keep else _PATHS
+    together = max(1, most // paths) if many else 1
+    done, total, doubts, report, failed, stopped = 0, count * paths * begun.options.steps, {}, None, 0, False
     try:
-        for groups, part in parts:
-            each = part.stop - part.start
-            setup = _setup(made(groups, each), options, paths, (groups, part), same_noise=same_noise)
+        for k in range(0, count, together):
+            here = slice(k, min(k + together, count))
+            setup = _setup(made(here), options, paths, here, same_noise=same_noise)
             shown = (lambda now, _, b=done: tell(b + now, total)) if tell else False
             with checks.unwarned():
-                told = (result.run_means if by_means else result.run_paths)(setup, functions, (groups, part), shown)
-            report = report or told
+                told = result.run(setup, functions, here, shown)
+            report, failed = report or told, failed + told.failed
             if told.stopped:
                 stopped = True
                 break
@@ -253,13 +206,14 @@ def sweep(
     finally:
         if bar:
             bar.close()
-    return _told(result, report, doubts, stopped=stopped)
+    return _told(result, report, doubts, failed, stopped=stopped)
 
 
-def _told(result: Sweep, report: Report, doubts: dict[str, None], *, stopped: bool) -> Sweep:
+def _told(result: Sweep, report: Report, doubts: dict[str, None], failed: int, *, stopped: bool) -> Sweep:
     """The result with its report, and warnings about it."""
-    failed = int(np.count_nonzero(result._status > 0))
     missing = int(np.count_nonzero(result._status < 0)) if stopped else 0
+    if stopped:
+        failed = int(np.count_nonzero(result._status > 0))
     result.report = dataclasses.replace(report, failed=failed, stopped=missing)
     if failed:
         checks.warn(
@@ -291,44 +245,16 @@ def _grid(values: Mapping[str, Any], is_zip: bool) -> Grid:
     return Grid(arrays, is_zip)
 
 
-def _most(begun: Setup) -> int:
-    """Paths whose saved points are held at once."""
-    return max(_UNIT, _NUMBERS // (2 * begun.ntime * begun.model.ndof) // _UNIT * _UNIT)
-
-
-def _values_at_once(count: int, paths: int) -> Iterator[tuple[slice, slice]]:
-    """Give the values that are run at once, with all their paths: each run begins at a multiple of 256."""
-    whole = _UNIT // math.gcd(paths, _UNIT)
-    together = max(1, _PATHS // (paths * whole)) * whole
-    for k in range(0, count, together):
-        yield slice(k, min(k + together, count)), slice(0, paths)
-
-
-def _parts(count: int, paths: int, most: int, *, one_by_one: bool) -> Iterator[tuple[slice, slice]]:
-    """Give the values, and the paths of each value, that are run at once: some values with all their paths, or a
-    part of the paths of one value.
-    """
-    together = 1 if one_by_one else max(1, most // paths)
-    size = min(paths, most)
-    for k in range(0, count, together):
-        for i in range(0, paths, size):
-            yield slice(k, min(k + together, count)), slice(i, min(i + size, paths))
-
-
-def _setup(
-    model: Model, options: Mapping[str, Any], paths: int, where: tuple[slice, slice], *, same_noise: bool
-) -> Setup:
-    """The setup of the run of some values and paths."""
-    groups, part = where
-    n, each = groups.stop - groups.start, part.stop - part.start
-    here = dict(options)
+def _setup(model: Model, options: Mapping[str, Any], paths: int, points: slice, *, same_noise: bool) -> Setup:
+    """The setup of the run of some values."""
+    n, here = points.stop - points.start, dict(options)
     first = checks.integer("first_path", here.pop("first_path", 0), (0, 2**47))
-    here["first_path"] = first + part.start + (0 if same_noise else groups.start * paths)
+    here["first_path"] = first + (0 if same_noise else points.start * paths)
     for name in ("q0", "p0", "q0_low", "p0_low"):
         array = None if here.get(name) is None else np.asarray(here[name])
         if array is not None and array.ndim == 2 and array.shape[1] > 1:
-            here[name] = np.tile(array[:, part], n)
-    setup = make_setup(model, paths=n * each, **here)
+            here[name] = np.tile(array, n)
+    setup = make_setup(model, paths=n * paths, row_paths=paths if model.paths else 1, **here)
     if same_noise and n > 1:
-        setup.options.noise_paths = each
+        setup.options.noise_paths = paths
     return setup

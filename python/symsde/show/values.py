@@ -3,14 +3,21 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..errors import UnknownNameError, WrongTypeError
 from ..native import checks
 
 _NUMBERED = re.compile(r"([qp])_?(\d*)")
+
+
+@functools.cache
+def numbered(ndof: int) -> tuple[str, ...]:
+    """Names of coordinates and momenta of a model that has none of its own: q_1 .., p_1 .."""
+    return tuple(f"{x}_{i + 1}" for x in "qp" for i in range(ndof))
 
 
 @dataclass(frozen=True)
@@ -21,7 +28,8 @@ class Values:
     ndof: int  #: number of degrees of freedom; the first 2*ndof names are coordinates and momenta
 
     @classmethod
-    def of(cls, coordinates: Sequence[str], has_energy: bool, observables: Iterable[str] = ()) -> Values:
+    @functools.lru_cache(maxsize=256)
+    def of(cls, coordinates: tuple[str, ...], has_energy: bool, observables: tuple[str, ...] = ()) -> Values:
         """Make the names from coordinates and momenta, 2*ndof names, and the further values of a run."""
         return cls((*coordinates, *(["energy"] if has_energy else []), *observables), len(coordinates) // 2)
 

@@ -182,7 +182,7 @@ contains
       self%steps%nreal = nreal
       self%stepper%ham%nreal = nreal
       if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
-      if (associated(self%paths)) call self%paths%begin(path, self%options%first_path)
+      if (associated(self%paths)) call self%paths%begin(path, self%options%first_path, self%options%row_paths)
       self%enough = self%state%nlane
    end subroutine begin_with
 

@@ -5,7 +5,7 @@
 !> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) if the model has values, and the user's observables.
 !> Moments at time t are over the paths that are ok up to t. Streaming observers get the same values; if one of them
 !> watches every step, this observer is shown the state after every step, and every `every`-th of these states is at a
-!> saved time.
+!> saved time. A recorder beside it gets the states at saved times, and the last ones.
 module symsde_ensemble_observe_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
@@ -14,6 +14,7 @@ module symsde_ensemble_observe_moment_collector
    use symsde_ensemble_observe_observables, only: observables_type
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_observe_observers, only: observer_plan, observer_list, new_observer_list
+   use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
    use symsde_model_abstract, only: model_type
    use symsde_step_block_state, only: lane_state
@@ -31,8 +32,6 @@ module symsde_ensemble_observe_moment_collector
       integer(i8) :: failed(max_failed_listed) = -1       !! global indices, ascending
       integer(i4) :: status(max_failed_listed) = 0
       integer(i8) :: failed_step(max_failed_listed) = -1
-      integer(i8) :: first_path = 0
-      integer(i4), pointer, contiguous :: codes(:) => null()  !! status of each path, where wanted (npath)
    end type moment_store
 
    !> States that wait for the user's observables, which are called for many states at once, since a Python call costs
@@ -56,6 +55,7 @@ module symsde_ensemble_observe_moment_collector
       type(observer_plan), pointer :: plan => null() !! plan of the streaming observers
       type(observer_list) :: list                   !! streaming observers of this thread
       integer(i8) :: every = 1                      !! steps shown between saved times
+      type(path_recorder) :: recorder               !! saves paths, or their last states, if it has arrays
       type(waiting_states) :: waiting
       integer :: ntime = 0, nreal = 0, npiece = 0
       integer :: offset(64) = 0, level(64) = 0
@@ -80,7 +80,7 @@ contains
 
    !> A collector for ntime saved times that delivers its nodes to store. If the observers of `plan` watch steps, it
    !> gets every step, and every `every`-th step is a saved time.
-   subroutine new_moment_collector(self, model, nlane, ntime, store, observables, plan, every)
+   subroutine new_moment_collector(self, model, nlane, ntime, store, observables, plan, every, recorder)
       type(moment_collector), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
@@ -89,6 +89,7 @@ contains
       class(observables_type), intent(in), target, optional :: observables
       type(observer_plan), intent(in), target, optional :: plan
       integer(i8), intent(in), optional :: every
+      type(path_recorder), intent(in), optional :: recorder
 
       self%model => model
       self%store => store
@@ -102,6 +103,7 @@ contains
          self%nvalue = self%nvalue + observables%nvalue
       end if
       call make_room(self, nlane)
+      if (present(recorder)) self%recorder = recorder
       nullify (self%plan)
       if (.not. present(plan)) return
       self%plan => plan
@@ -139,6 +141,7 @@ contains
       if (size(self%values, 1) /= nlane) call make_room(self, nlane)
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
       if (allocated(self%pieces)) deallocate (self%pieces)
+      call self%recorder%begin_block(first, nreal, nlane)
       if (associated(self%plan)) then
          if (.not. allocated(self%list%slots)) call new_observer_list(self%list, self%plan, self%model)
          call self%list%begin_block(first, nreal, nlane)
@@ -170,6 +173,7 @@ contains
 
       call self%list%watch(isave, t, state)
       if (mod(isave, self%every) /= 0) return
+      call self%recorder%observe(isave/self%every, t, state)
       if (.not. allocated(self%pieces)) call new_pieces(self)
       it = int(isave/self%every) + 1
       call evaluate(self, t, state)
@@ -224,6 +228,7 @@ contains
       class(moment_collector), intent(inout) :: self
       integer(i8), intent(in) :: isave
 
+      call self%recorder%skip((isave + self%every - 1)/self%every)
       if (self%waiting%n > 0) &
          call ask_observables(self, size(self%waiting%own, 1), self%model%traits%ndof)
    end subroutine skip
@@ -319,22 +324,12 @@ contains
          call insert_node(self%store%tree, self%pieces(i))
       end do
       call self%list%end_block(state)
-      if (self%npiece > 0 .and. associated(self%store%codes)) call give_codes(self, state)
+      if (associated(self%recorder%status)) call self%recorder%end_block(state)
       do lane = 1, self%nreal
          if (state%status(lane) == 0 .or. state%status(lane) == absorbed) cycle
          call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
       end do
    end subroutine end_block
-
-   !> Keep the status of the paths of the block.
-   subroutine give_codes(self, state)
-      class(moment_collector), intent(inout) :: self
-      type(lane_state), intent(in) :: state
-      integer(i8) :: at
-
-      at = self%first - self%store%first_path
-      self%store%codes(at + 1:at + self%nreal) = int(state%status(:self%nreal), i4)
-   end subroutine give_codes
 
    subroutine gather(self)
       class(moment_collector), intent(inout) :: self

@@ -7,11 +7,13 @@ module symsde_ensemble_observe_observers
    use symsde_ensemble_observe_autocorrelation, only: autocorrelation_observer, new_autocorrelation_observer
    use symsde_ensemble_observe_covariance, only: covariance_observer, new_covariance_observer
    use symsde_ensemble_observe_extremes, only: extremes_observer, new_extremes_observer
+   use symsde_ensemble_observe_group_means, only: group_means, new_group_means
    use symsde_ensemble_observe_histogram, only: histogram_observer, new_histogram_observer
    use symsde_ensemble_observe_mean_values, only: mean_values_observer, new_mean_values_observer
    use symsde_ensemble_observe_passage, only: passage_observer, new_passage_observer
    use symsde_ensemble_observe_paths, only: paths_observer, new_paths_observer
    use symsde_ensemble_options, only: run_options, saved_count
+   use symsde_ensemble_statistics_group_trees, only: group_trees, new_group_trees
    use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
    use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_type, observer_store, &
                                                 observed_run
@@ -22,7 +24,7 @@ module symsde_ensemble_observe_observers
    public :: observe_histogram, observe_quantiles, observe_covariance, observe_autocorrelation, observe_extremes, &
              observe_passage, observe_paths, observe_means
    public :: observer_plan, new_observer_plan, observer_list, new_observer_list, new_observer, &
-             new_observed_run, new_observed, ngroup
+             new_observed_run, new_observed, ngroup, of_group_means
 
    integer, parameter :: observe_histogram = 1       !! histogram of one value, bins of one width
    integer, parameter :: observe_quantiles = 2       !! quantiles of one value, bins of one relative width
@@ -42,6 +44,7 @@ module symsde_ensemble_observe_observers
       logical :: watches_steps = .false.               !! whether some observer sees every step
       type(observer_store), allocatable :: stores(:)   !! data shared by the threads, of each group of each request
       integer, allocatable :: before(:)                !! stores of the requests before (nrequest)
+      type(group_trees), allocatable :: trees(:)       !! in their place for means of groups (nrequest)
       logical, allocatable :: tables_only(:)           !! whether blocks leave nothing in the observer (nrequest)
    contains
       procedure :: numbers => numbers_of_all
@@ -52,12 +55,14 @@ module symsde_ensemble_observe_observers
       class(streaming_observer), allocatable :: observer
    end type observer_slot
 
-   !> The observers of a thread. Those of groups are made when a block first holds a path of the group; where a block
-   !> leaves nothing in them, they look at other groups in other blocks.
+   !> The observers of a thread. Means of groups look at all groups of a block at once. Other observers of groups are
+   !> made when a block first holds a path of the group; where a block leaves nothing in them, they look at other groups
+   !> in other blocks.
    type :: observer_list
       type(observer_plan), pointer :: plan => null()
       class(model_type), pointer :: model => null()
       type(observer_slot), allocatable :: slots(:)     !! as the stores of the plan
+      type(group_means), allocatable :: means(:)       !! means of groups
       integer :: nactive = 0
       integer, allocatable :: active(:)                !! slots that look at paths of the block (nactive)
    contains
@@ -148,6 +153,13 @@ contains
                     'values, paths or groups')
    end subroutine new_observer
 
+   !> Whether a request asks for means of groups.
+   elemental logical function of_group_means(request)
+      type(observer_request), intent(in) :: request
+
+      of_group_means = request%kind == observe_means .and. request%ngroup > 0
+   end function of_group_means
+
    !> Number of statistics that a request asks for.
    pure integer function ngroup(request)
       type(observer_request), intent(in) :: request
@@ -202,6 +214,7 @@ contains
 
       self%run = run
       allocate (self%requests(size(requests)), self%before(size(requests)), self%tables_only(size(requests)))
+      allocate (self%trees(size(requests)))
       n = 0
       do i = 1, size(requests)
          self%requests(i) = requests(i)
@@ -219,7 +232,11 @@ contains
          end if
          self%watches_steps = self%watches_steps .or. observer%watches_steps()
          self%tables_only(i) = observer%ncount + observer%nsingle == 0
-         n = n + ngroup(requests(i))
+         if (of_group_means(requests(i))) then
+            call new_group_trees(self%trees(i), requests(i)%ngroup, observer%ncolumn, observer%nrow)
+         else
+            n = n + ngroup(requests(i))
+         end if
       end do
       allocate (self%stores(n))
    end subroutine new_observer_plan
@@ -229,13 +246,18 @@ contains
       type(observer_list), intent(out) :: self
       type(observer_plan), intent(in), target :: plan
       class(model_type), intent(in), target, optional :: model  !! used in place of the plan's model
-      integer :: i
+      integer :: i, n
 
       self%plan => plan
       if (present(model)) self%model => model
       allocate (self%slots(size(plan%stores)), self%active(size(plan%stores)))
+      allocate (self%means(count(of_group_means(plan%requests))))
+      n = 0
       do i = 1, size(plan%requests)
          if (plan%requests(i)%ngroup == 0) call fill_slot(self, i, plan%before(i) + 1)
+         if (.not. of_group_means(plan%requests(i))) cycle
+         n = n + 1
+         call new_group_means(self%means(n), plan%requests(i), plan%run%first_path, plan%trees(i))
       end do
    end subroutine new_observer_list
 
@@ -254,7 +276,7 @@ contains
       class(observer_list), intent(in) :: self
 
       is_empty = .true.
-      if (allocated(self%slots)) is_empty = size(self%slots) == 0
+      if (allocated(self%slots)) is_empty = size(self%slots) + size(self%means) == 0
    end function is_empty
 
    subroutine begin_block(self, first, nreal, nlane)
@@ -264,8 +286,12 @@ contains
       integer :: i
 
       if (self%is_empty()) return
+      do i = 1, size(self%means)
+         call self%means(i)%begin_block(first, nreal, nlane)
+      end do
       self%nactive = 0
       do i = 1, size(self%plan%requests)
+         if (of_group_means(self%plan%requests(i))) cycle
          if (self%plan%requests(i)%ngroup > 0) then
             call begin_groups(self, i, first, nreal, nlane)
          else
@@ -318,6 +344,9 @@ contains
       integer :: i
 
       if (self%is_empty()) return
+      do i = 1, size(self%means)
+         call self%means(i)%take(it, values, counts)
+      end do
       do i = 1, self%nactive
          associate (observer => self%slots(self%active(i))%observer)
             if (allocated(observer%mine)) then
@@ -349,6 +378,9 @@ contains
       integer :: i
 
       if (self%is_empty()) return
+      do i = 1, size(self%means)
+         call self%means(i)%end_block()
+      end do
       do i = 1, self%nactive
          call self%slots(self%active(i))%observer%close_block(state)
          call self%slots(self%active(i))%observer%end_block()
@@ -378,8 +410,25 @@ contains
       numbers = 0
       do i = 1, size(self%requests)
          call new_observer(observer, self%requests(i), self%run, refusal)
-         numbers = numbers + ngroup(self%requests(i))*observer%numbers(npath, nthread)
+         if (of_group_means(self%requests(i))) then
+            numbers = numbers + numbers_of_groups(self%requests(i)%ngroup, real(observer%nsum(), wp))
+         else
+            numbers = numbers + ngroup(self%requests(i))*observer%numbers(npath, nthread)
+         end if
       end do
+
+   contains
+
+      !> Tables of means of groups: those of a block of each thread, and a tree of each group, in all not more than paths.
+      pure real(wp) function numbers_of_groups(n, table)
+         integer, intent(in) :: n
+         real(wp), intent(in) :: table   !! numbers of one
+         real(wp) :: waiting
+
+         waiting = min(real(npath, wp), real(n, wp)*exponent(real(npath, wp)))
+         numbers_of_groups = table*(waiting + n + nthread*min(n, self%run%nlane))
+      end function numbers_of_groups
+
    end function numbers_of_all
 
    !> Deliver the results of all observers when all threads are done; the stores are empty afterwards.
@@ -398,6 +447,12 @@ contains
          call clear_observed(observed(i), observer)
          m = observer%ncount
          n = observer%nsum()
+         if (of_group_means(self%requests(i))) then
+            do k = 1, self%requests(i)%ngroup
+               call self%trees(i)%finish(k, observed(i)%sums((k - 1)*n + 1:k*n))
+            end do
+            cycle
+         end if
          do k = 1, ngroup(self%requests(i))
             associate (store => self%stores(self%before(i) + k))
                if (.not. self%tables_only(i) .and. .not. allocated(store%counts)) cycle

@@ -162,7 +162,7 @@ contains
       a = self%offset + 1
       b = self%offset + self%nreal
       self%status(a:b) = int(state%status(:self%nreal), i4)
-      self%failed_step(a:b) = state%failed_step(:self%nreal)
+      if (associated(self%failed_step)) self%failed_step(a:b) = state%failed_step(:self%nreal)
       if (associated(self%last_q)) self%last_q(a:b, :) = state%q(:self%nreal, :)
       if (associated(self%last_p)) self%last_p(a:b, :) = state%p(:self%nreal, :)
       if (.not. allocated(state%q_low)) return

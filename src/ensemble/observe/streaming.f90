@@ -13,8 +13,7 @@ module symsde_ensemble_observe_streaming
    use symsde_base_laws, only: law_gaussian
    use symsde_ensemble_statistics_comoments, only: pair_count, pair_place, reduce_pair
    use symsde_ensemble_observe_observables, only: observables_type
-   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes, &
-                                                   reduce_nodes
+   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
    use symsde_model_abstract, only: model_type
    use symsde_step_block_state, only: lane_state
    implicit none
@@ -80,8 +79,6 @@ module symsde_ensemble_observe_streaming
       integer(i8) :: first = 0                         !! first path of the block
       integer :: nreal = 0
       logical, allocatable :: mine(:)                  !! lanes that are observed; all if not allocated (nlane)
-      integer :: nnode = 0
-      integer, allocatable :: lane(:), lane_level(:), meets(:)  !! nodes of these lanes, as of reduce_nodes (nlane)
       integer :: npiece = 0, offset(64) = 0, level(64) = 0
       type(moment_node), allocatable :: pieces(:)      !! tables of the pieces of the block
    contains
@@ -148,46 +145,25 @@ contains
          call self%clear(self%counts, self%singles)
       end if
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
-      if (allocated(self%mine)) call find_nodes(self)
+      if (allocated(self%mine)) call look_at_mine(self)
       call self%open_block()
    end subroutine begin_block
 
-   !> The nodes of the tree that hold the observed lanes and no others, and the smallest piece around them.
-   subroutine find_nodes(self)
+   !> Shrink a block that is one piece to the smallest piece around the observed lanes.
+   subroutine look_at_mine(self)
       class(streaming_observer), intent(inout) :: self
-      integer :: offset(64), level(64)
-      integer :: a, b, n, half
+      integer :: a, b, half
 
-      if (.not. allocated(self%lane)) &
-         allocate (self%lane(self%run%nlane), self%lane_level(self%run%nlane), self%meets(self%run%nlane))
-      self%nnode = 0
-      b = 0
-      do
-         a = findloc(self%mine(b + 1:self%nreal), .true., 1)
-         if (a == 0) exit
-         a = a + b
-         b = findloc(self%mine(a:self%nreal), .false., 1) + a - 2
-         if (b < a) b = self%nreal
-         call dyadic_pieces(self%first + a - 1, b - a + 1, n, offset, level)
-         self%lane(self%nnode + 1:self%nnode + n) = a + offset(:n)
-         self%lane_level(self%nnode + 1:self%nnode + n) = level(:n)
-         self%nnode = self%nnode + n
-      end do
-      do n = 2, self%nnode
-         a = self%lane(n - 1)
-         self%meets(n) = int(bit_size(0_i8) - leadz(ieor(self%first + a - 1, self%first + self%lane(n) - 1)))
-      end do
-      self%meets(1) = 0
-      if (self%npiece /= 1 .or. self%nnode == 0) return
-      a = self%lane(1) - 1
-      b = self%lane(self%nnode) + 2**self%lane_level(self%nnode) - 2
+      if (self%npiece /= 1 .or. .not. any(self%mine)) return
+      a = findloc(self%mine, .true., 1) - 1
+      b = findloc(self%mine, .true., 1, back=.true.) - 1
       do while (self%level(1) > 0)
          half = 2**(self%level(1) - 1)
          if (a < self%offset(1) + half .and. b >= self%offset(1) + half) return
          if (a >= self%offset(1) + half) self%offset(1) = self%offset(1) + half
          self%level(1) = self%level(1) - 1
       end do
-   end subroutine find_nodes
+   end subroutine look_at_mine
 
    !> Clear the data of the block before.
    subroutine nothing_before(self)
@@ -217,28 +193,16 @@ contains
       integer, intent(in) :: irow
       real(wp), intent(in), contiguous :: x(:, :)       !! (nlane, ncolumn)
       logical, intent(in), contiguous :: counts(:)      !! (nlane)
-      integer :: i, j, k, a, b, at, here, behind
+      integer :: i, j, k, a, b, at
 
-      behind = 1
       if (.not. allocated(self%pieces)) call new_pieces(self)
       do i = 1, self%npiece
          a = self%offset(i) + 1
          b = self%offset(i) + 2**self%level(i)
-         here = behind
-         do while (behind <= self%nnode)
-            if (self%lane(behind) > b) exit
-            behind = behind + 1
-         end do
-         associate (piece => self%pieces(i), last => behind - 1)
+         associate (piece => self%pieces(i))
             do j = 1, self%ncolumn
-               if (allocated(self%mine)) then
-                  call reduce_nodes(behind - here, self%lane(here:last), self%lane_level(here:last), &
-                                    self%meets(here:last), size(x, 1), x(:, j), counts, piece%n(irow), &
-                                    piece%mean(j, irow), piece%m2(j, irow))
-               else
-                  call reduce_lanes(self%level(i), x(a:b, j), counts(a:b), piece%n(irow), piece%mean(j, irow), &
-                                    piece%m2(j, irow))
-               end if
+               call reduce_lanes(self%level(i), x(a:b, j), counts(a:b), piece%n(irow), piece%mean(j, irow), &
+                                 piece%m2(j, irow))
                if (self%kept == means_only) cycle
                do k = 1, j
                   at = self%kept*(pair_place(k, j) - 1)

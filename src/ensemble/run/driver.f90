@@ -127,10 +127,10 @@ contains
       self%model => model
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
-      if (model%traits%npath /= 0 .and. model%traits%npath /= options%npath) &
+      if (model%traits%npath /= 0 .and. model%traits%npath*options%row_paths /= options%npath) &
          call raise(error, wrong_shape, 'run_ensemble', 'model '//model%name//' has parameters for '// &
-                    to_text(model%traits%npath)//' paths, and the run has '//to_text(options%npath)// &
-                    ': give parameters for each path, or one for all')
+                    to_text(model%traits%npath*options%row_paths)//' paths, and the run has '// &
+                    to_text(options%npath)//': give parameters for each path, or one for all')
       if (.not. allocated(error)) call resolve_task(self%factory%task, model, scheme, steppers_of(options), error)
       if (.not. allocated(error)) call plan_run(self, observer, single, error)
       call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)

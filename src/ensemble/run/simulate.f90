@@ -11,7 +11,8 @@ module symsde_ensemble_run_simulate
    use symsde_ensemble_observe_moment_collector, only: moment_collector, new_moment_collector, moment_store
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observe_observables, only: observables_type
-   use symsde_ensemble_observe_observers, only: observer_plan, new_observer_plan, new_observed_run
+   use symsde_ensemble_observe_observers, only: observer_plan, new_observer_plan, new_observed_run, &
+                                                of_group_means
    use symsde_ensemble_options, only: run_options, check_options, saved_count
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
@@ -122,7 +123,7 @@ contains
 
    !> `moments` of checked options, from an initial state.
    subroutine collect_moments(model, scheme, options, from, result, error, observers, observables, dw, monitor, &
-                              codes)
+                              recorder)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -133,7 +134,7 @@ contains
       class(observables_type), intent(in), target, optional :: observables
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
-      integer(i4), pointer, contiguous, intent(in), optional :: codes(:)  !! status of each path, where associated
+      type(path_recorder), intent(in), optional :: recorder  !! saves paths, or their last states, beside
       type(moment_store), allocatable, target :: store
       type(observer_plan), target :: plan
       type(moment_collector) :: collector
@@ -143,17 +144,15 @@ contains
 
       nullify (given)
       if (present(dw)) given => dw
-      call check_shard(options, error)
+      call check_shard(options, observers, error)
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
-      store%first_path = options%first_path
-      if (present(codes)) store%codes => codes
       call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, observers, error, &
                           observables)
       if (allocated(error)) return
       call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
-                                plan, options%save_every)
+                                plan, options%save_every, recorder)
       shown = options
       if (plan%watches_steps) shown%save_every = 1
       call run_ensemble(model, scheme, shown, from, collector, result%report, error, given, monitor)
@@ -187,12 +186,13 @@ contains
    end subroutine plan_observers
 
    !> Refuse (invalid_argument) shards of moments that do not begin at a multiple of 256: such shards could not be
-   !> merged into the tree of a whole run.
-   subroutine check_shard(options, error)
+   !> merged into the tree of a whole run. Where means of groups are asked for, each group has a tree of its own.
+   subroutine check_shard(options, observers, error)
       type(run_options), intent(in) :: options
+      type(observer_request), intent(in) :: observers(:)
       type(error_type), allocatable, intent(inout) :: error
 
-      if (mod(options%first_path, 256_i8) /= 0) then
+      if (mod(options%first_path, 256_i8) /= 0 .and. .not. any(of_group_means(observers))) then
          call raise(error, invalid_argument, 'moments', 'first_path = '//to_text(options%first_path)// &
                     ' does not begin a shard: moments need a multiple of 256')
       end if

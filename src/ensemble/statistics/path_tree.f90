@@ -9,7 +9,7 @@ module symsde_ensemble_statistics_path_tree
    use symsde_ensemble_statistics_comoments, only: merge_pairs, pair_count
    implicit none
    private
-   public :: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes, reduce_nodes
+   public :: moment_node, moment_tree, insert_node, final_node, merge_values, dyadic_pieces, reduce_lanes, reduce_levels
 
    type :: moment_node
       integer :: level = 0                  !! level k
@@ -153,10 +153,7 @@ contains
       npiece = 0
       at = 0
       do while (at < n)
-         k = 0
-         do while (at + 2**(k + 1) <= n .and. mod(first + at, 2_i8**(k + 1)) == 0)
-            k = k + 1
-         end do
+         k = min(trailz(first + at), bit_size(n) - 1 - leadz(n - at))  ! aligned, and no longer than what is left
          npiece = npiece + 1
          offset(npiece) = at
          level(npiece) = k
@@ -173,60 +170,11 @@ contains
 
       if (level <= usual_level .and. all(counts)) then
          call reduce_full(level, x, mean, m2)
-         n = 2.0_wp**level
+         n = 2**level
       else
          call reduce_some(level, x, counts, n, mean, m2)
       end if
    end subroutine reduce_lanes
-
-   !> Moments of one value over some lanes, which are given as nodes from left to right: those of a piece of which the
-   !> other lanes hold no path. The bits are those of reduce_some.
-   pure subroutine reduce_nodes(nnode, lane, level, join, nlane, x, counts, n, mean, m2)
-      integer, intent(in) :: nnode, nlane
-      integer, intent(in) :: lane(nnode), level(nnode)  !! first lane of each node, which holds 2^level lanes
-      integer, intent(in) :: join(nnode)                !! level of the smallest node with this one and the one before
-      real(wp), intent(in) :: x(nlane)
-      logical, intent(in) :: counts(nlane)
-      real(wp), intent(out) :: n, mean, m2
-      real(wp), dimension(highest_level + 2) :: na, ma, sa
-      integer :: meets(highest_level + 2)
-      integer :: i, top
-
-      na(1) = 0
-      ma(1) = 0
-      sa(1) = 0
-      top = 0
-      do i = 1, nnode
-         do while (top > 1)
-            if (meets(top) > join(i)) exit
-            call merge_two(na(top - 1), ma(top - 1), sa(top - 1), na(top), ma(top), sa(top))
-            top = top - 1
-         end do
-         top = top + 1
-         meets(top) = join(i)
-         call reduce_lanes(level(i), x(lane(i)), counts(lane(i)), na(top), ma(top), sa(top))
-      end do
-      do while (top > 1)
-         call merge_two(na(top - 1), ma(top - 1), sa(top - 1), na(top), ma(top), sa(top))
-         top = top - 1
-      end do
-      n = na(1)
-      mean = ma(1)
-      m2 = sa(1)
-   end subroutine reduce_nodes
-
-   !> Merge one value of two siblings into the left one.
-   pure subroutine merge_two(na, ma, sa, nb, mb, sb)
-      real(wp), intent(inout) :: na, ma, sa
-      real(wp), intent(in) :: nb, mb, sb
-      real(wp) :: share, d
-
-      share = nb/max(na + nb, 1.0_wp)
-      d = mb - ma
-      sa = sa + sb + d**2*(na*share)
-      ma = ma + d*share
-      na = na + nb
-   end subroutine merge_two
 
    !> Moments of a piece in which some lanes may not count.
    pure subroutine reduce_some(level, x, counts, n, mean, m2)
@@ -260,28 +208,57 @@ contains
    end subroutine reduce_some
 
    !> Moments of a piece in which every lane counts: siblings have equal size and share is 1/2, so that the bits equal
-   !> those of reduce_some. The work array has a fixed size and is on the stack: allocating it would take longer than
-   !> the sums.
+   !> those of reduce_some. The work arrays have a fixed size and are on the stack: allocating them would take longer
+   !> than the sums.
    pure subroutine reduce_full(level, x, mean, m2)
       integer, intent(in) :: level               !! at most usual_level
       real(wp), intent(in) :: x(2**level)
       real(wp), intent(out) :: mean, m2
-      real(wp), dimension(2**usual_level) :: ma, sa, mb, sb
-      real(wp) :: weight
-      integer :: k
+      real(wp), dimension(2**usual_level) :: ma, sa
 
-      ma(:2**level) = x
-      sa(:2**level) = 0
-      weight = 0.5_wp
-      do k = level - 1, 0, -2
-         call halve(2**k, weight, ma, sa, mb, sb)
-         if (k == 0) exit
-         call halve(2**(k - 1), 2*weight, mb, sb, ma, sa)
-         weight = 4*weight
-      end do
-      mean = merge(mb(1), ma(1), mod(level, 2) == 1)
-      m2 = merge(sb(1), sa(1), mod(level, 2) == 1)
+      mean = x(1)
+      m2 = 0
+      if (level == 0) return
+      call reduce_levels(level, level, x, ma, sa)
+      mean = ma(2**level - 1)
+      m2 = sa(2**level - 1)
    end subroutine reduce_full
+
+   !> Moments of one value in all nodes of levels 1 to top of a piece in which every lane counts, one level after the
+   !> other, with the bits of reduce_lanes.
+   pure subroutine reduce_levels(level, top, x, mean, m2)
+      integer, intent(in) :: level, top              !! level of the piece, and of its highest nodes wanted
+      real(wp), intent(in) :: x(2**level)
+      real(wp), intent(inout) :: mean(2**level), m2(2**level)
+      real(wp) :: weight
+      integer :: k, from, to
+
+      if (top == 0) return
+      call halve_lanes(2**(level - 1), x, mean, m2)
+      from = 1
+      weight = 1
+      do k = 2, top
+         to = from + 2**(level - k + 1)
+         call halve(2**(level - k), weight, mean(from:), m2(from:), mean(to:), m2(to:))
+         from = to
+         weight = 2*weight
+      end do
+   end subroutine reduce_levels
+
+   !> VEC Merge neighbouring lanes.
+   pure subroutine halve_lanes(half, x, mb, sb)
+      integer, intent(in) :: half
+      real(wp), intent(in) :: x(2*half)
+      real(wp), intent(inout) :: mb(half), sb(half)
+      real(wp) :: d
+      integer :: i
+
+      do i = 1, half
+         d = x(2*i) - x(2*i - 1)
+         mb(i) = x(2*i - 1) + d*0.5_wp
+         sb(i) = d**2*0.5_wp
+      end do
+   end subroutine halve_lanes
 
    !> VEC Merge siblings of 2*weight lanes: means from ma into mb, sums from sa into sb.
    pure subroutine halve(half, weight, ma, sa, mb, sb)

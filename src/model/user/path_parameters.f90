@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Parameters of a user's functions that differ by path: path first + i of a run has row i of a table, or all paths have
-!> its only row.
+!> Parameters of a user's functions that differ by path: path first + i of a run has row i of a table (i/n where n
+!> neighbours share one, row_paths of the options), or all paths have its only row.
 !>
 !> In place of the user pointer the functions get the address of c_lanes (symsde_lanes of symsde.h), which has the
 !> parameters of the lanes of this call and the user pointer. A view of the model knows its paths (base/lane_paths), and
@@ -143,21 +143,36 @@ contains
       integer, intent(in) :: nlane
       type(lane_room), intent(inout), target :: room
       integer(i8) :: row(nlane)
-      integer :: k, lane, n
+      integer(i8) :: most
+      integer :: a, b, k, lane, n
 
       row = 0
       if (associated(paths)) call paths%find_places(nlane, row)
-      row = max(1_i8, min(row + 1, size(table%values, 1, i8)))
+      most = size(table%values, 1, i8)
       n = nlane*size(table%values, 2)
       if (allocated(room%values)) then
          if (size(room%values) < n) deallocate (room%values)
       end if
       if (.not. allocated(room%values)) allocate (room%values(n))
-      do k = 1, size(table%values, 2)
-         do lane = 1, nlane
-            room%values((k - 1)*nlane + lane) = table%values(row(lane), k)
+      if (row(1) >= 0 .and. row(1) + nlane <= most .and. all(row == [(row(1) + lane, lane=0, nlane - 1)])) then
+         do k = 1, size(table%values, 2)
+            room%values((k - 1)*nlane + 1:k*nlane) = table%values(row(1) + 1:row(1) + nlane, k)
          end do
-      end do
+      else
+         row = max(1_i8, min(row + 1, most))
+         b = 0
+         do while (b < nlane)  ! neighbours often share a row
+            a = b + 1
+            b = a
+            do while (b < nlane)
+               if (row(b + 1) /= row(a)) exit
+               b = b + 1
+            end do
+            do k = 1, size(table%values, 2)
+               room%values((k - 1)*nlane + a:(k - 1)*nlane + b) = table%values(row(a), k)
+            end do
+         end do
+      end if
       room%nlane = nlane
       room%given%parameters = c_loc(room%values)
    end subroutine gather
