@@ -57,6 +57,19 @@ def test_product():
     assert abs(wrong.q.mean(2) - found.mean_q[:, :, 0, 0]).max() > 1e-4
 
 
+def test_any_first_path():
+    """Any first path, with paths kept or not: the same bits of means, and the paths that runs alone have."""
+    asked = {**RUN, "paths": 40, "first_path": 100}
+    kept = ss.sweep(model(), {"omega": OMEGA}, **asked, keep_paths=True)
+    found = ss.sweep(model(), {"omega": OMEGA}, **asked)
+    for kind in ("mean", "var", "se_mean"):
+        assert np.array_equal(found.table(kind), kept.table(kind))
+    for i, omega in enumerate(OMEGA):
+        run = one(omega=omega, first_path=100 + 40 * i)
+        assert np.array_equal(kept.q[:, :, i], run.q) and np.array_equal(kept.p[:, :, i], run.p)
+        require_means(found, (i,), run)
+
+
 def test_zip_and_observables():
     """Sweeps over rows of values; formulas and functions as observables."""
     asked = {"square": "q**2", "sum": lambda q, p: q[0] + p[0]}

@@ -345,6 +345,10 @@ def moments(
         setup.warn_of_repeated_noise()
         wanted = requests.check_observers(observers)
         requests.warn_of_unsaid(wanted, beside=bool(given))
+        if groups is not None and setup.options.first_path % 256:
+            raise InvalidArgumentError(
+                f"first_path = {setup.options.first_path} does not begin a shard: moments need a multiple of 256"
+            )
         result = Moments(setup, given, wanted, groups_of(groups, model, setup.paths))
         result.fill(given, progress)
     except BaseException as stop:
