@@ -431,7 +431,7 @@ typedef struct symsde_options {
    uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; other noises differ by path */
    int64_t noise_paths;    /* n > 0: path first_path + i has the noise of path first_path + i % n; 0 = its own */
    int32_t damping_noise;  /* enum symsde_damping_noise */
-   int64_t row_paths;      /* n: path first_path + i has row i/n of parameters by path (symsde_model_set_parameters); 1 */
+   int64_t row_paths;      /* n: path first_path + i has row i/n of parameters that differ by path (default 1) */
 } symsde_options;
 int symsde_options_init(symsde_options *options);
 /* checks options as every function does that takes options, and refuses them with the same sentences */
@@ -546,7 +546,7 @@ typedef struct symsde_moments {
                                  several saved times, up to n lanes (one time at least), with t of the first time */
    int32_t nobserver; /* number of streaming observers */
    symsde_observer *const *observers; /* [nobserver] */
-   symsde_paths *paths; /* saved paths beside moments, or with q, p NULL their status and last states alone; may be NULL */
+   symsde_paths *paths; /* saved paths, or with q, p NULL their status and last states alone; NULL = not wanted */
 } symsde_moments;
 int symsde_moments_init(symsde_moments *moments);
 int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsde_options *options,

@@ -22,9 +22,7 @@ class KeptPaths:
     q_low: np.ndarray | None = None  #: (dof, path), low parts of this state
     p_low: np.ndarray | None = None
 
-    def __init__(
-        self, setup: Setup, *, saved: bool = False, last: bool = False, status: np.ndarray | None = None
-    ):
+    def __init__(self, setup: Setup, *, saved: bool = False, last: bool = False, status: np.ndarray | None = None):
         """Allocate the saved states and the last ones where they are wanted, and the status unless there is one."""
         self._setup, self._wanted = setup, {"saved": saved, "last": last}
         ndof, paths = setup.model.ndof, setup.paths

@@ -106,7 +106,9 @@ class MomentTables:
     var_energy = property(lambda self: self._energy("var"), doc="(time,) of H, where it is known.")
     var = property(lambda self: self._of_observables("var"), doc="(time,) of each observable, by name.")
     se_mean_q = property(lambda self: self._column("se_mean", 0, self.values.ndof), doc="(time, dof).")
-    se_mean_p = property(lambda self: self._column("se_mean", self.values.ndof, 2 * self.values.ndof), doc="(time, dof).")
+    se_mean_p = property(
+        lambda self: self._column("se_mean", self.values.ndof, 2 * self.values.ndof), doc="(time, dof)."
+    )
     se_mean_energy = property(lambda self: self._energy("se_mean"), doc="(time,) of H, where it is known.")
     se_mean = property(lambda self: self._of_observables("se_mean"), doc="(time,) of each observable, by name.")
 

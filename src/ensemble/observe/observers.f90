@@ -419,7 +419,7 @@ contains
 
    contains
 
-      !> Tables of means of groups: those of a block of each thread, and a tree of each group, in all not more than paths.
+      !> Tables of means of groups: those of a block of each thread, and a tree of each group.
       pure real(wp) function numbers_of_groups(n, table)
          integer, intent(in) :: n
          real(wp), intent(in) :: table   !! numbers of one

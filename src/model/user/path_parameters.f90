@@ -144,7 +144,7 @@ contains
       type(lane_room), intent(inout), target :: room
       integer(i8) :: row(nlane)
       integer(i8) :: most
-      integer :: a, b, k, lane, n
+      integer :: a, b, k, n
 
       row = 0
       if (associated(paths)) call paths%find_places(nlane, row)
@@ -154,7 +154,7 @@ contains
          if (size(room%values) < n) deallocate (room%values)
       end if
       if (.not. allocated(room%values)) allocate (room%values(n))
-      if (row(1) >= 0 .and. row(1) + nlane <= most .and. all(row == [(row(1) + lane, lane=0, nlane - 1)])) then
+      if (row(1) >= 0 .and. row(1) + nlane <= most .and. all(row(2:) - row(:nlane - 1) == 1)) then
          do k = 1, size(table%values, 2)
             room%values((k - 1)*nlane + 1:k*nlane) = table%values(row(1) + 1:row(1) + nlane, k)
          end do
