@@ -37,10 +37,10 @@ contains
       type(step_request), intent(in) :: request
       type(step_store), intent(inout) :: store
       integer(i8), intent(inout) :: drawn
-      real(wp), allocatable :: w(:), hh(:), halves(:)  !! of the quarters and halves of noises that meet
+      real(wp), allocatable :: work(:)   !! of the quarters and halves of noises that meet
       type(functional_set) :: asked
       logical :: apart
-      integer :: first, n, j, nstep, k, m, slot
+      integer :: first, n, j, nstep, k, m, slot, hh, halves, last
 
       asked = d%asked
       apart = .false.
@@ -50,20 +50,29 @@ contains
          asked%meeting%l = [1]
       end if
       m = merge(1, d%nnoise, apart)
-      allocate (w(strip*m*4*most), hh(strip*m*4*most), halves(strip*m*2*most))
+      ! The places of dW, H and of dW of the halves. New memory in every request would take longer than the draws.
+      hh = strip*m*4*most + 1
+      halves = 2*hh - 1
+      last = halves + strip*m*2*most - 1
+      call move_alloc(store%work, work)
+      if (allocated(work)) then
+         if (size(work) < last) deallocate (work)
+      end if
+      if (.not. allocated(work)) allocate (work(last))
       do first = 1, request%nlane, strip
          n = min(strip, request%nlane - first + 1)
          do j = 0, request%npair - 1, pairs_of_steps
             nstep = 2*min(pairs_of_steps, request%npair - j)
             do k = 1, d%nnoise
                slot = merge(1, k, apart)
-               call draw_noise(d, k, n, request%path(first), request%pair + j, nstep, first, 2*j, m, slot, store, w, &
-                               hh, halves)
-               if (apart .or. k == m) &
-                  call merge_steps(d, asked, n, m, nstep, first, 2*j, k - slot, store, w, hh, halves)
+               call draw_noise(d, k, n, request%path(first), request%pair + j, nstep, first, 2*j, m, slot, store, &
+                               work, work(hh), work(halves))
+               if (apart .or. k == m) call merge_steps(d, asked, n, m, nstep, first, 2*j, k - slot, store, work, &
+                                                       work(hh), work(halves))
             end do
          end do
       end do
+      call move_alloc(work, store%work)
       drawn = drawn + 2*request%npair*merge(12, 8, d%needs_stt_area())*count(.not. d%silent)
    end subroutine fill_quarters
 
