@@ -270,7 +270,9 @@ int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow
 int symsde_model_set_quadratic_part(symsde_model model, const double *second, symsde_error *error);
 /* Declare, after a quadratic part D, that H - D and every H_k are functions of the actions (q_i^2 + p_i^2)/2: lattices of
  * nonlinear Schroedinger equations with noise of phases. Kicks then turn planes (q_i, p_i), as gauss_dkdkd does; schemes
- * whose brackets ask for functions of q are refused. Tested; on = 0 takes it back. No run may be using the model */
+ * whose brackets ask for functions of q are refused. on = 2 says that every H_k is linear in the actions, too: then
+ * verlet_kdk and the _strong2 of both add their brackets to the bonds of D. Tested; on = 0 takes it back. No run may be
+ * using the model */
 int symsde_model_set_action_kicks(symsde_model model, int on, symsde_error *error);
 /* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the
  * stiff linear part (NULL: those of model). The functions must read the memory behind user as data alone, since

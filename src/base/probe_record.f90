@@ -182,7 +182,7 @@ contains
             call take(traits%touches%dof(i))
          end do
       end if
-      call take(merge(1, 0, traits%kicks_of_actions))
+      call take(merge(1, 0, traits%kicks_of_actions) + merge(2, 0, traits%phase_noise))
       if (allocated(traits%quadratic_part)) then
          do i = 1, size(traits%quadratic_part, 2)
             do j = 1, size(traits%quadratic_part, 1)

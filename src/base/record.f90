@@ -84,6 +84,7 @@ module symsde_base_record
       type(functional_set) :: asked             !! the functionals that are filled
       real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:ring-1)
       type(functional_steps) :: of(nfunctional)
+      real(wp), allocatable :: work(:)          !! numbers that a source keeps no longer than a request
    contains
       procedure :: make_room
       procedure :: show

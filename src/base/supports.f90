@@ -13,7 +13,7 @@
 module symsde_base_supports
    implicit none
    private
-   public :: noise_supports, noise_colours, noise_pairs, sort_noises, find_pairs, all_pairs
+   public :: noise_supports, noise_colours, noise_pairs, sort_noises, find_pairs, all_pairs, find_noises_at
 
    integer, parameter :: most_listed = 2**22  !! pairs above which all are taken
 
@@ -55,7 +55,7 @@ contains
       integer :: pass, i, k, l, n
 
       if (.not. supports%are_given()) return
-      call turn(supports, nnoise, ndof, at)
+      call find_noises_at(supports, nnoise, ndof, at)
       ! The first pass counts.
       do pass = 1, 2
          n = 0
@@ -91,7 +91,7 @@ contains
    end subroutine all_pairs
 
    !> The noises that touch each degree of freedom, as lists with the parts of noises and degrees of freedom exchanged.
-   pure subroutine turn(supports, nnoise, ndof, at)
+   pure subroutine find_noises_at(supports, nnoise, ndof, at)
       type(noise_supports), intent(in) :: supports
       integer, intent(in) :: nnoise, ndof
       type(noise_supports), intent(out) :: at
@@ -114,7 +114,7 @@ contains
             end associate
          end do
       end do
-   end subroutine turn
+   end subroutine find_noises_at
 
    !> Sort noises into colours: each takes the first colour of whose noises it meets none or, if `far`, of whose noises
    !> none meets a noise that it meets. Noises also meet if degrees of freedom i and j that they touch have |i - j| <=
@@ -136,7 +136,7 @@ contains
          colours%noise = noises
          return
       end if
-      if (far) call turn(supports, nnoise, ndof, at)
+      if (far) call find_noises_at(supports, nnoise, ndof, at)
       colour = 0
       c = 0
       ! last(i): the newest colour that i excludes. Colours are filled one after the other.

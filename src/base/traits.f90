@@ -2,6 +2,7 @@
 !> The declarations of a model about its Hamiltonians, by which a step may skip work. They are in base, because models
 !> set them and the factory of steppers reads them.
 module symsde_base_traits
+   use symsde_base_bonds, only: bond_list, find_bonds, find_bond_supports
    use symsde_base_kinds, only: wp, i8
    use symsde_base_supports, only: noise_supports, noise_pairs, find_pairs
    implicit none
@@ -65,6 +66,9 @@ module symsde_base_traits
       !> H - D and every H_k are functions of the actions (q_i^2 + p_i^2)/2, in place of functions of q: kicks turn the
       !> planes (q_i, p_i) then.
       logical :: kicks_of_actions = .false.
+      !> Noise of phases: every H_k is linear in the actions, sum_i s_i (q_i^2 + p_i^2)/2 with s_i numbers or functions
+      !> of time.
+      logical :: phase_noise = .false.
       type(force_traits) :: forces
    contains
       procedure :: correction_vanishes
@@ -179,12 +183,21 @@ contains
       end do
    end function diagonal_velocity
 
-   !> The pairs of noises k <= l in position for which H_k,q . M^-1 H_l,q may not vanish; not allocated = all.
+   !> The pairs of noises k <= l for which {H_k, {H_l, H}} may not vanish: in position H_k,q . M^-1 H_l,q, of phases
+   !> where both touch a bond of the quadratic part. Not allocated = all.
    pure subroutine find_meetings(self, pairs)
       class(model_traits), intent(in) :: self
       type(noise_pairs), intent(out) :: pairs
+      type(bond_list) :: bonds
+      type(noise_supports) :: at_bonds
 
-      call find_pairs(self%tied_supports(), self%nnoise, self%ndof, pairs)
+      if (.not. (self%kicks_of_actions .and. allocated(self%quadratic_part))) then
+         call find_pairs(self%tied_supports(), self%nnoise, self%ndof, pairs)
+         return
+      end if
+      call find_bonds(self%ndof, self%quadratic_part, bonds)
+      call find_bond_supports(self%touches, self%nnoise, self%ndof, bonds, at_bonds)
+      call find_pairs(at_bonds, self%nnoise, bonds%n, pairs)
    end subroutine find_meetings
 
    !> Whether no degree of freedom is touched by two noises that are not silent.

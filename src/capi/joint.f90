@@ -252,7 +252,7 @@ contains
    !> models (incompatible), and models without a quadratic part (invalid_argument).
    function symsde_model_set_action_kicks(model, on, error) result(status) bind(c, name='symsde_model_set_action_kicks')
       type(c_ptr), intent(in), value :: model, error
-      integer(c_int), intent(in), value :: on   !! 0 takes it back
+      integer(c_int), intent(in), value :: on   !! 0 takes it back, 2 says that noises are linear in the actions
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
@@ -262,6 +262,7 @@ contains
       if (.not. allocated(refusal)) then
          traits = known%traits
          traits%kicks_of_actions = on /= 0
+         traits%phase_noise = on == 2
          call check_traits('symsde_model_set_action_kicks', known%name, traits, refusal)
       end if
       if (.not. allocated(refusal)) then

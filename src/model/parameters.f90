@@ -72,6 +72,9 @@ contains
       call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
       if (allocated(traits%rotation)) call check_rotation(place, model, traits, error)
       if (allocated(traits%quadratic_part)) call check_quadratic(place, model, traits, error)
+      if (traits%phase_noise .and. .not. traits%kicks_of_actions) &
+         call raise(error, invalid_argument, place, model//'noises that are linear in the actions (phase_noise) '// &
+                    'without kicks by functions of these; declare kicks_of_actions, too')
       if (traits%kicks_of_actions .and. .not. allocated(traits%quadratic_part)) &
          call raise(error, invalid_argument, place, model//'kicks by functions of the actions without a quadratic '// &
                     'part of H; give the matrix of its second derivatives, which may be zero')

@@ -232,16 +232,18 @@ contains
       real(wp), intent(in), dimension(nlane, nnoise, 4) :: w, hh
       real(wp), intent(in) :: halves(nlane, nnoise, 2)  !! dW
       real(wp), intent(out) :: x(nlane, asked%count_of(path_magnus, nnoise))
-      real(wp) :: z(nlane, nnoise, 4), zz(nlane, nnoise, 2)
+      real(wp) :: z(strip, nnoise, 4), zz(strip, nnoise, 2)
       integer :: first, n, k, l, kl, i
 
-      ! dZ of the quarters and of the halves.
-      z = length*(0.5_wp*w + hh)
-      do i = 1, 2
-         zz(:, :, i) = (z(:, :, 2*i - 1) + z(:, :, 2*i)) + length*w(:, :, 2*i - 1)
-      end do
       do first = 1, nlane, strip
          n = min(strip, nlane - first + 1)
+         ! dZ of the quarters and of the halves.
+         associate (last => first + n - 1)
+            z(:n, :, :) = length*(0.5_wp*w(first:last, :, :) + hh(first:last, :, :))
+            do i = 1, 2
+               zz(:n, :, i) = (z(:n, :, 2*i - 1) + z(:n, :, 2*i)) + length*w(first:last, :, 2*i - 1)
+            end do
+         end associate
          k = 0
          l = 0
          do kl = 1, size(x, 2)
@@ -257,10 +259,11 @@ contains
          integer, intent(in) :: first, n, k, l
          real(wp), intent(inout) :: x(nlane)
          real(wp) :: own(4), two(2), variance
-         integer :: lane, i, j
+         integer :: lane, at, i, j
 
          variance = open_variance(k, l, length)
-         do lane = first, first + n - 1
+         do at = 1, n
+            lane = first + at - 1
             !GCC$ unroll 4
             do i = 1, 4
                own(i) = magnus_shape(length, w(lane, k, i), w(lane, l, i), hh(lane, k, i), hh(lane, l, i), variance)
@@ -268,12 +271,12 @@ contains
             !GCC$ unroll 2
             do i = 1, 2
                j = 2*i - 1
-               two(i) = magnus_of_two(own(j), own(j + 1), length, z(lane, k, j), z(lane, l, j), w(lane, k, j), &
-                                      w(lane, l, j), z(lane, k, j + 1), z(lane, l, j + 1), w(lane, k, j + 1), &
+               two(i) = magnus_of_two(own(j), own(j + 1), length, z(at, k, j), z(at, l, j), w(lane, k, j), &
+                                      w(lane, l, j), z(at, k, j + 1), z(at, l, j + 1), w(lane, k, j + 1), &
                                       w(lane, l, j + 1))
             end do
-            x(lane) = magnus_of_two(two(1), two(2), 2*length, zz(lane, k, 1), zz(lane, l, 1), halves(lane, k, 1), &
-                                    halves(lane, l, 1), zz(lane, k, 2), zz(lane, l, 2), halves(lane, k, 2), &
+            x(lane) = magnus_of_two(two(1), two(2), 2*length, zz(at, k, 1), zz(at, l, 1), halves(lane, k, 1), &
+                                    halves(lane, l, 1), zz(at, k, 2), zz(at, l, 2), halves(lane, k, 2), &
                                     halves(lane, l, 2))
          end do
       end subroutine merge_pair

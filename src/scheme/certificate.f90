@@ -447,7 +447,11 @@ contains
          else if (needs%constant_mass) then
             value = value//', H = p.M^-1 p/2 + U(q) with a constant mass'
             if (needs%quadratic_will_do) value = value//', or a declared quadratic part of H that holds all p (split)'
-            if (needs%actions_will_do) value = value//', or functions of the actions beside it (kicks)'
+            if (needs%actions_will_do) then
+               value = value//', or functions of the actions beside it (kicks)'
+            else if (needs%phases_will_do) then
+               value = value//', or functions of the actions beside it, of which noises are linear ones (kicks)'
+            end if
             if (needs%parts_will_do) value = value//', or exact flows of two parts of H (drift, kick)'
          end if
          if (needs%rotation) value = value//', frequencies of its linear part (trait rotation)'

@@ -20,6 +20,12 @@ contains
       type(model_traits), intent(in) :: traits
       character(:), allocatable, intent(out) :: missing
       logical :: noisy, will_do, splits, turns
+      character(*), parameter :: no_square = 'kicks by functions of q, of which brackets {K_i, {K_j, D}} with a '// &
+                                 'quadratic part D are such functions again: for functions K of '// &
+                                 'the actions (q_i^2 + p_i^2)/2 they are none'
+      character(*), parameter :: no_bond = 'noises that are linear in the actions (q_i^2 + p_i^2)/2 (trait '// &
+                                 'phase_noise), of which brackets {K_i, {K_j, D}} are bonds of the '// &
+                                 'quadratic part D: with others strong order 3/2 stays'
 
       noisy = traits%nnoise > 0
       associate (needs => scheme%needs)
@@ -39,14 +45,15 @@ contains
          ! drift and noise have equal weights: then all nodes get the same velocity from the noise.
          will_do = .false.
          if (needs%additive_will_do) will_do = traits%additive .and. scheme%noise_coefficients_equal()
-         turns = needs%actions_will_do .and. traits%kicks_of_actions
+         turns = traits%kicks_of_actions .and. &
+                 (needs%actions_will_do .or. (needs%phases_will_do .and. (traits%phase_noise .or. .not. noisy)))
          splits = needs%quadratic_will_do .and. allocated(traits%quadratic_part) .and. &
                   (turns .or. .not. traits%kicks_of_actions)
          if (needs%additive .and. noisy .and. .not. traits%additive) then
             missing = 'additive noise (trait additive)'
          else if (needs%quadratic_will_do .and. traits%kicks_of_actions .and. .not. turns) then
-            missing = 'kicks by functions of q, of which brackets {K_i, {K_j, D}} with a quadratic part D are such '// &
-                      'functions again: for functions K of the actions (q_i^2 + p_i^2)/2 they are none'
+            missing = no_square
+            if (needs%phases_will_do) missing = no_bond
          else if (needs%position_noise .and. noisy .and. .not. (traits%position_noise .or. will_do .or. turns)) then
             missing = 'noise in p alone (trait position_noise)'
             if (needs%additive_will_do) &

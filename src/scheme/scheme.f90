@@ -67,6 +67,7 @@ module symsde_scheme_scheme
       logical :: quadratic_will_do = .false.  !! instead of constant_mass: a declared quadratic part
       logical :: actions_will_do = .false.    !! instead of position_noise, kicks by functions of the actions
       logical :: parts_will_do = .false.      !! instead of all needs, exact flows of a drift and of commuting kicks
+      logical :: phases_will_do = .false.     !! the same where noises are linear in the actions
       logical :: rotation = .false.           !! frequencies of the linear part of H
       character(:), allocatable :: why        !! reason of the needs, for messages
       character(:), allocatable :: instead    !! scheme for models that do not meet the needs

@@ -109,6 +109,8 @@ contains
       if (kicks%is_word() .or. kicks%rational) scheme%needs%quadratic_will_do = .false.
       scheme%needs%actions_will_do = scheme%needs%quadratic_will_do .and. .not. has_products(kicks)
       scheme%needs%parts_will_do = scheme%needs%actions_will_do
+      ! Products of noises of phases are bonds of the quadratic part; squares of V, with what H leaves, are not.
+      scheme%needs%phases_will_do = scheme%needs%quadratic_will_do .and. all(abs(kicks%kappa) <= 0)
       if (kicks%is_word()) scheme%needs%instead = 'midpoint'  ! schemes with brackets refuse damped models
       if (kicks%flow == flow_midpoint .and. has_products(kicks)) scheme%needs%instead = 'gauss_dkdkd_midpoint'
       if (kicks%uses_dz()) scheme%asks = functionals([path_dz])

@@ -336,6 +336,12 @@ contains
       if (allocated(why)) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &
                     task%scheme%name//' '//why//': use midpoint, gauss2 or gauss_dkdkd, or a model without damping')
+      else if (task%model%traits%kicks_of_actions .and. task%scheme%needs%phases_will_do .and. &
+               .not. task%scheme%needs%actions_will_do) then
+         call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &
+                    task%scheme%name//' adds products of noises of phases, which are bonds of its quadratic part '// &
+                    '(split), and of decays of momenta are none: use gauss_dkdkd, of strong order 3/2, or a model '// &
+                    'without damping')
       else if (kind == varying_rates .and. task%drifts_by_part()) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' has rates of damping that '// &
                     'are functions, and drifts of scheme '//task%scheme%name//' are flows of its quadratic part '// &

@@ -55,6 +55,10 @@ SCENES = {
     "lattice": '[model]\nH = "(q1**2+p1**2)**2/4 + (q2**2+p2**2)**2/4 - J*(q1*q2+p1*p2) + q1*p2/8"\n'
     'noise = ["s*(q1**2+p1**2)*(q2**2+p2**2)", "s*(q2**2+p2**2)"]\n[model.params]\nJ = 0.7\ns = 0.3\n'
     + RUN + 'scheme = "gauss_dkdkd"\n',
+    # noises of phases, whose brackets are bonds of the quadratic part
+    "phases": '[model]\nH = "(q1**2+p1**2)**2/4 + (q2**2+p2**2)**2/4 - J*(q1*q2+p1*p2) + q1*p2/8"\n'
+    'noise = ["s*(q1**2+p1**2)*cos(t)", "s*(q2**2+p2**2 - q1**2-p1**2)"]\n[model.params]\nJ = 0.7\ns = 0.3\n'
+    + RUN + 'scheme = "gauss_dkdkd_strong2"\n',
     # functions that C or Fortran computes lane by lane, and series where it lacks them
     "special": '[model]\nH = "p**2/2 + q**2/2 + loggamma(q**2+0.3) + gamma(-q**2/9-0.1)/50 + besselj(2, q)'
     ' + bessely(1, q**2+2)"\n'

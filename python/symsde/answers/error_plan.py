@@ -373,6 +373,8 @@ def _better_open(model: Model, commutative: bool) -> str:
     for models with forces, which areas refuse, too, and kicks where forces depend on p; or of kicks by functions of the
     actions, whose drifts hold all that is stiff.
     """
+    if model._turned and model.traits.phased and not model.damping:
+        return "gauss_dkdkd_strong2"
     if model._kicked or model._turned:
         return "gauss_dkdkd"
     if model.has_friction or model.ndof > SMALL:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from ..model.formulas import emit_flow
+from ..model.split import KICKS
 from ..model.traits import FLAGS
 from .expressions import wrapped
 from .given import Given, columns, entries, equal, harmless, supports
@@ -99,7 +100,7 @@ def _model(given: Given) -> list[str]:
         lines += [f"   static double split[{4 * traits.ndof**2}]; /* second derivatives of the quadratic part of H */"]
         lines += [f"   split[{i * 2 * traits.ndof + j}] = {_number(x)};" for i, j, x in entries(traits.split)]
         lines += [_checked("set_quadratic_part(model, split")]
-        lines += [_checked("set_action_kicks(model, 1")] if traits.turned else []
+        lines += [_checked(f"set_action_kicks(model, {KICKS.index(traits.kicks)}")] if traits.turned else []
     there = [kind for kind in SETTERS if f"int formula_{kind}(" in given.model.formula.source]
     lines += [_checked(f"set_{kind}(model, formula_{kind}") for kind in there]
     flows = given.model._code.whole_steps

@@ -249,6 +249,7 @@ def _model(given: Given) -> list[str]:
         there = entries(traits.split)
         lines += [f"   model%traits%quadratic_part({i + 1}, {j + 1}) = {_number(x)}" for i, j, x in there]
         lines += ["   model%traits%kicks_of_actions = .true."] if traits.turned else []
+        lines += ["   model%traits%phase_noise = .true."] if traits.kicks == "phases" else []
     return [*lines, f"   model%traits%rotation = {_array(traits.rotation)}"] if traits.rotation else lines
 
 

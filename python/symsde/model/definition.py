@@ -80,7 +80,8 @@ class Model(OpenSystem):
     the quadratic part exactly, by the matrix exp(h J S), and kick by V and noises in position. H_p is compared with S;
     S_qq is a choice, since V is what remains. With ``kicks="actions"`` what remains of H and every H_k are functions of
     the actions (q_k^2 + p_k^2)/2 instead, as in lattices of nonlinear Schroedinger equations with noise of phases:
-    ``gauss_dkdkd`` then turns every plane (q_k, p_k) by an angle.
+    ``gauss_dkdkd`` then turns every plane (q_k, p_k) by an angle. ``kicks="phases"`` says that every H_k is linear in
+    the actions, too: ``gauss_dkdkd_strong2`` then has strong order 2, by brackets that are bonds of the quadratic part.
 
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0, and touches a
     list of numbers i = 1 .. ndof for each noise, as in [[1], [2], [2, 3]]. With it schemes form nothing over pairs of

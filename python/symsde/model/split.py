@@ -13,7 +13,8 @@ from ..native import checks, handles
 
 Split = tuple[tuple[float, ...], ...]  #: rows of second derivatives by q and then by p, (2 dof, 2 dof)
 
-KICKS = ("positions", "actions")  #: what kicks beside a quadratic part depend on
+#: what kicks beside a quadratic part depend on: on phases means on actions, with noises that are linear in these
+KICKS = ("positions", "actions", "phases")
 
 
 def second_derivatives(split: Any, ndof: int) -> Split | None:
@@ -52,5 +53,5 @@ def declare(pointer: ctypes.c_void_p, split: Split | None, kicks: str) -> None:
     handles.call("model_set_action_kicks", pointer, 0)
     rows = None if split is None else (ctypes.c_double * len(split) ** 2)(*itertools.chain(*split))
     handles.call("model_set_quadratic_part", pointer, rows)
-    if split is not None and kicks == "actions":
-        handles.call("model_set_action_kicks", pointer, 1)
+    if split is not None and kicks != KICKS[0]:
+        handles.call("model_set_action_kicks", pointer, KICKS.index(kicks))

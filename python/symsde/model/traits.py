@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
 from ..native import abi, checks, handles
-from .split import Split
+from .split import KICKS, Split
 
 #: traits that are true or false; each names a property of the Hamiltonians
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass", "diagonal_mass")
@@ -42,7 +42,9 @@ class Traits:
     #: for each noise the degrees of freedom i = 1 .. ndof of which q_i or p_i occur in H_k; None = not declared
     touches: tuple[tuple[int, ...], ...] | None
     split: Split | None  #: second derivatives of a quadratic part of H by (q, p), rows; None = not declared
-    kicks: str  #: beside a split what remains of H, and every H_k, depend on "positions" or on "actions"
+    #: beside a split what remains of H, and every H_k, depend on "positions" or on "actions", of which H_k is a linear
+    #: function where it says "phases"
+    kicks: str
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
@@ -59,7 +61,12 @@ class Traits:
     @property
     def turned(self) -> bool:
         """Whether kicks beside a quadratic part are functions of the actions, which turn planes (q_k, p_k)."""
-        return self.split is not None and self.kicks == "actions"
+        return self.split is not None and self.kicks != KICKS[0]
+
+    @property
+    def phased(self) -> bool:
+        """Whether noises beside these are linear in the actions, so that products of kicks are bonds of the split."""
+        return self.turned and (self.kicks == "phases" or self.nnoise == 0)
 
     @property
     def acting(self) -> list[int]:

@@ -117,7 +117,8 @@ contains
       if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
       if (k > 0 .and. traits%additive) call probe_additive(points, error)
       if (traits%separable) call probe_separable(points, error)
-      if (traits%quadratic) call probe_quadratic(points, error)
+      if (traits%quadratic) call probe_quadratic(points, 'quadratic', error)
+      if (k > 0 .and. traits%phase_noise) call probe_quadratic(points, 'phase_noise', error)
       if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)  ! last: it changes the sum
    end subroutine probe_traits
 
@@ -311,8 +312,9 @@ contains
    end subroutine probe_separable
 
    !> If quadratic is declared, the Hessian must be the same at all points: all are compared with the first two.
-   subroutine probe_quadratic(points, error)
+   subroutine probe_quadratic(points, trait, error)
       type(probe_points), intent(in) :: points
+      character(*), intent(in) :: trait  !! that says so
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: uq(:, :), up(:, :), dq(:, :), dp(:, :)
       real(wp) :: scale(nlane), spread(nlane)
@@ -332,7 +334,7 @@ contains
       call subtract_point(points%ndof, from, uq, up, dq, dp)
       column = largest_entry(row%lane, dq, dp)
       if (column%half == 2) dq = dp
-      call refuse(points, 'quadratic', points%entry_name(row, column)// &
+      call refuse(points, trait, points%entry_name(row, column)// &
                   ' minus its value at ('//points%place(from, row%i, column%i)//')', &
                   dq(row%lane, column%i), row%lane, row%i, column%i, error)
    end subroutine probe_quadratic
@@ -447,6 +449,8 @@ contains
       if (trait == 'bandwidth') then
          declared = trait//' '//to_text(points%model%traits%bandwidth)
          remedy = 'declare a larger one, or none'
+      else if (trait == 'phase_noise') then
+         remedy = 'declare kicks by functions of the actions alone'
       end if
       call raise(error, false_trait, here, 'model '''//points%model%name//''' declares '// &
                  declared//', but '//what//' = '//to_text(x)//' at '//points%place(lane, i, j)// &

@@ -144,6 +144,7 @@ contains
       self%traits%has_parts = .false.
       if (inner%traits%kicks_of_actions) then  ! as the noises of the bath are none
          self%traits%kicks_of_actions = .false.
+         self%traits%phase_noise = .false.
          deallocate (self%traits%quadratic_part)
       end if
       self%forces => inner%forces

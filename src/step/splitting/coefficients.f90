@@ -208,7 +208,7 @@ contains
             associate (k => self%pairs%k(kl), l => self%pairs%l(kl))
                ! Products are added from zero, one after the other: in a sum of two the compiler might fuse either one.
                d(:nlane, kl) = 0
-               call add_product(nlane, -2*kappa, v(:, k), v(:, l), d(:, kl))
+               if (abs(kappa) > 0) call add_product(nlane, -2*kappa, v(:, k), v(:, l), d(:, kl))
                do j = 2, size(c)
                   do i = 1, j - 1
                      call add_product(nlane, 0.5_wp*(c(j) - c(i)), w(:, k, i), w(:, l, j), d(:, kl))

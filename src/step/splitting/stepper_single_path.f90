@@ -19,6 +19,7 @@ module symsde_step_splitting_stepper_single_path
    use symsde_model_kernels, only: angle_terms
    use symsde_scheme_kicks, only: flow_free, flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none
+   use symsde_step_splitting_bond_turns, only: bond_turns, new_bond_turns
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights, add_product
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow

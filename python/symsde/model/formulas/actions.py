@@ -28,7 +28,7 @@ class Part:
     size: int  #: rows of S
     #: entry of S, and the places (i, j) to which it is added
     entries: tuple[tuple[Callable[[list], complex], tuple[tuple[int, int], ...]], ...]
-    kicks: str = "actions"  #: what H leaves beside D, and every noise, depend on
+    kicks: str  #: what H leaves beside D, and every noise, depend on: actions, or phases
 
     def at(self, values: list) -> Split | None:
         """S for these values of the parameters, as rows; None where it is not finite, or differs by path."""
@@ -63,7 +63,16 @@ def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:
     entries = [
         (function(e, {}, prover._real), ((i, j),)) for i, row in enumerate(second) for j, e in enumerate(row) if e != 0
     ]
-    return Part(len(second), tuple(entries)), ""
+    return Part(len(second), tuple(entries), kicks_of(prover)), ""
+
+
+def kicks_of(prover: Prover) -> str:
+    """What kicks depend on where H - D and every noise are functions of the actions: "phases" where noises are proved
+    to be linear in these, as a constant second derivative by each q_k says.
+    """
+    state = {*prover.q, *prover.p}
+    curved = (prover.diff(j, x, x).free_symbols & state for j in range(1, len(prover.hams)) for x in prover.q)
+    return "actions" if any(prover.kinked[1:]) or any(curved) else "phases"
 
 
 def beside(prover: Prover, second: list[list[Any]]) -> bool:

@@ -142,7 +142,8 @@ def given(prover: Prover, part: Any, text: str, function: Callable) -> Part:
     noisy = any(prover.diff(k, x) != 0 for k in range(1, len(prover.hams)) for x in p)
     both = (*q, *p)
     second = [[entries[x, y].subs(dict.fromkeys(zero, 0)) for y in both] for x in both]
-    kicks = "actions" if (moving is not None or noisy) and actions.beside(prover, second) else "positions"
+    turned = (moving is not None or noisy) and actions.beside(prover, second)
+    kicks = actions.kicks_of(prover) if turned else "positions"
     if kicks == "positions" and moving is not None:
         raise InvalidArgumentError(
             f"H = {quoted(prover.problem.texts[0])} without split = {quoted(text)} depends on a momentum: kicks do "

@@ -146,6 +146,12 @@ class _Summand:
                 return False
         return True
 
+    def is_linear_in_actions(self) -> bool:
+        """Whether a function of the actions is linear in them: its second derivative by each q_k is constant."""
+        made, state = self.d.derivatives, set(self.symbols)
+        curves = (e for x in self.names[: self.k] for e in made.of(x, x))
+        return not any(made._engine.sympify(e).expand().free_symbols & state for e in curves)
+
 
 class _Forms:
     """Entries of a sum of quadratic forms."""
@@ -224,7 +230,12 @@ def _of_actions(drift: list[_Summand], noises: list[_Summand], sites: Sites) -> 
     forms = _Forms(sites)
     for x in drift:
         forms.add(x, range(2 * x.k))
-    return Part(sites.ndof, forms.entries(), "actions"), ""
+    return Part(sites.ndof, forms.entries(), _kicks_of(noises)), ""
+
+
+def _kicks_of(noises: list[_Summand]) -> str:
+    """What kicks depend on where all are functions of the actions."""
+    return "phases" if all(x.is_linear_in_actions() for x in noises) else "actions"
 
 
 def given(split: Sequence[Density], densities: Sequence[Density], sites: Sites) -> Part:
@@ -246,7 +257,7 @@ def given(split: Sequence[Density], densities: Sequence[Density], sites: Sites) 
         forms.add(x, range(2 * x.k))
     kicks = "positions"
     if not _leaves_positions(parts, drift, noises, sites):
-        kicks = "actions"
+        kicks = _kicks_of(noises)
         if any(x.d.inner for x in (*drift, *noises)) or not _leaves_actions(parts, drift, sites):
             raise InvalidArgumentError(
                 f"{hamiltonian} without {told} is no function of q alone, and none of the actions (q_k^2 + p_k^2)/2, "

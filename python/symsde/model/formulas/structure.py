@@ -49,7 +49,7 @@ class Structure:
     nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian
     rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0; None if H has no such part
     split: Split | None  #: second derivatives of a quadratic part of H whose flow is exact; None where none is used
-    kicks: str  #: beside a split, what remains of H, and every H_k, depend on "positions" or on "actions"
+    kicks: str  #: beside a split, what remains of H, and every H_k, depend on: one of KICKS
     unsplit: str  #: what keeps H from being split; empty if nothing does, or nothing could be
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
     touches: tuple[tuple[int, ...], ...]  #: degrees of freedom i of which q_i or p_i occur in H_k, for each noise k
