@@ -39,9 +39,9 @@ def in_numpy():
     return ss.Model(gradient=gradient, gradient_hessian=gradient_hessian, **TRAITS)
 
 
-def in_numba(plain=False):
+def in_numba(plain=False, bare=False):
     """Functions by numba.cfunc with the library's sine and cosine, or if plain with Python's; gradient and Hessian
-    jointly.
+    jointly, or if bare the gradient alone, and nothing declared.
     """
     if plain:
 
@@ -69,6 +69,9 @@ def in_numba(plain=False):
             for i in range(nlane):
                 hp[i] = w[i] * p[i]
         return 0
+
+    if bare:
+        return ss.Model(gradient=gradient, ndof=1, nnoise=2)
 
     @numba.cfunc(ss.numba_signature("gradient_hessian"))
     def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):  # noqa: PLR0917

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Closed scenes that users bring beside loops in numba: the time to a strong error."""
+"""Closed scenes that users bring beside loops in numba: the time to a strong error, and of a step of one scheme."""
 
 import datetime
 import functools
 import math
+import time
 import warnings
 from functools import partial
 
@@ -21,6 +22,8 @@ SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "gauss_dkdkd_strong2", "
 REFERENCES = ("chin4a_strong2", "chin4a", "gauss_dkdkd_strong2", "gauss2_strong32")
 FINEST, COUNTS = 8192, (16, 32, 64, 128, 256, 512, 1024)
 STEPS, LATTICE = 512, 16  #: steps of runs that are timed; degrees of freedom from which they have fewer paths
+SINGLE = 2**15  #: steps times degrees of freedom of a path that is timed alone
+SAME = {"stormer_verlet": "Strang", "gauss_dkdkd": "Gauss"}  #: scheme -> the loop with as many kicks
 #: (scene, loop) -> share of its time that the library may take for each error; 1 for all others
 TARGETS = {
     ("magnetic field", "Gauss"): (1.2, 1.2),
@@ -55,6 +58,16 @@ def end(scene: str, scheme: str, steps: int, paths: int, **more) -> np.ndarray:
     return np.concatenate([run.q[-1], run.p[-1]])
 
 
+def alone(scene: str, scheme: str) -> tuple[functools.partial, int]:
+    """A run of one path, which goes on with the steps of the others, and its number of steps."""
+    from peers import brought  # noqa: PLC0415
+
+    where = brought.SCENES[scene]
+    steps, step = SINGLE // where.dof, where.horizon / STEPS
+    how = {"q0": where.q0, "p0": where.p0, "step": step, "steps": steps, "save_every": steps, "threads": 1}
+    return partial(ss.simulate, model(scene), scheme=scheme, paths=1, seed=3, **how), steps
+
+
 def allowed(scene: str, schemes: tuple[str, ...]) -> list[str]:
     """The schemes that run the scene."""
 
@@ -71,12 +84,24 @@ def allowed(scene: str, schemes: tuple[str, ...]) -> list[str]:
 def measure(setting: Setting) -> dict:
     """All rows; without numba there are none."""
     warnings.simplefilter("ignore")  # large steps are meant
-    rows = []
+    rows, advice = [], []
     if numba_version():
         from peers import brought  # noqa: PLC0415
 
         rows = [row for scene in brought.SCENES for row in measured(scene, setting)]
-    return {"date": datetime.date.today().isoformat(), "versions": numba_version(), "rows": rows}
+        advice = [advised(scene, error) for scene in brought.SCENES for error in ERRORS]
+    told = {"date": datetime.date.today().isoformat(), "versions": numba_version()}
+    return {**told, "rows": rows, "advice": advice}
+
+
+def advised(scene: str, error: float) -> dict:
+    """What `ss.advise` says for an error, and in how many seconds."""
+    from peers import brought  # noqa: PLC0415
+
+    where, begin = brought.SCENES[scene], time.process_time()
+    found = ss.advise(model(scene), q0=where.q0, p0=where.p0, horizon=where.horizon, tolerance=error)
+    took = time.process_time() - begin
+    return {"scene": scene, "error": error, "scheme": found.scheme, "steps": found.steps, "seconds": took}
 
 
 def measured(scene: str, setting: Setting) -> list[dict]:
@@ -98,8 +123,11 @@ def measured(scene: str, setting: Setting) -> list[dict]:
         run = partial(brought.loop(name, where), generator, where.q0, where.p0, where.horizon / STEPS, STEPS)
         run(1)
         runs.append((partial(run, many // 8), many // 8 * STEPS))
+    runs += [alone(scene, row["scheme"]) for row in found if row["package"] == "symsde"]
     times = in_turn([run for run, _ in runs], 1 if setting.quick else max(3, setting.repeats))
-    for row, seconds, (_, size) in zip(found, times, runs, strict=True):
+    for row, seconds, (_, size) in zip(found, times[len(found) :], runs[len(found) :], strict=False):
+        row["alone"] = 1e9 * min(seconds) / size
+    for row, seconds, (_, size) in zip(found, times, runs, strict=False):
         row["ns"] = 1e9 * min(seconds) / size
         row["to"] = [steps_to(row["errors"], error) for error in ERRORS]
         row["us"] = [1e-3 * row["ns"] * math.ceil(steps) for steps, _ in row["to"]]
@@ -145,6 +173,9 @@ thread."""
 STEPS_TOLD = """*Steps* are those for a root mean square error in $(q, p)$ at $T$, by a power law between measured
 errors, or beyond them (*), on the same paths. *Share* is the time of the library's best scheme over that of the row."""
 
+ONE_SCHEME = """Each scheme by itself, ns of a path-step of all the paths and of one path alone. *Loop* is the one in
+numba with as many kicks, path after path."""
+
 
 def section(found: dict) -> str:
     """Write the section."""
@@ -154,6 +185,10 @@ def section(found: dict) -> str:
         wrapped(f"{ABOUT} Measured on {found['date']}: {measured_with}."),
         wrapped(STEPS_TOLD),
         *(strong_table(found["rows"], i) for i in range(len(ERRORS))),
+        wrapped(ONE_SCHEME),
+        scheme_table(found["rows"]),
+        "`ss.advise`, which tries schemes on few paths:",
+        advice_table(found["advice"]),
     ])  # fmt: skip
 
 
@@ -170,3 +205,21 @@ def strong_table(rows: list[dict], i: int) -> str:
             cells.append([scene, name, told_steps(*row["to"][i]), *times, f"{share:.2g}", *at_most(share, target)])
     heads = ["scene", "scheme", f"steps to {ERRORS[i]:g}", "ns of a path-step", "us of a path", "share", "target", ""]
     return table(heads, cells)
+
+
+def scheme_table(rows: list[dict]) -> str:
+    """The table of path-steps of each scheme of the library, beside the loop with as many kicks."""
+    loops = {(row["scene"], row["scheme"]): row["ns"] for row in rows if row["package"] != "symsde"}
+    cells = []
+    for row in (row for row in rows if row["package"] == "symsde"):
+        loop = loops.get((row["scene"], SAME.get(row["scheme"])))
+        beside = ["", ""] if loop is None else [f"{loop:.3g}", f"{row['ns'] / loop:.2g}"]
+        cells.append([row["scene"], row["scheme"], f"{row['ns']:.3g}", f"{row['alone']:.3g}", *beside])
+    return table(["scene", "scheme", "paths [ns]", "one path [ns]", "loop [ns]", "paths / loop"], cells)
+
+
+def advice_table(advice: list[dict]) -> str:
+    """The table of what is advised, and of the time that it takes."""
+    heads = ["scene", "error", "scheme", "steps", "seconds"]
+    return table(heads, [[x["scene"], f"{x['error']:g}", x["scheme"], str(x["steps"]), f"{x['seconds']:.2g}"]
+                         for x in advice])  # fmt: skip

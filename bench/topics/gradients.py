@@ -2,12 +2,7 @@
 """Gradients by the exact adjoint of every step, beside the forward run and beside other packages."""
 
 import datetime
-import json
-import shlex
-import subprocess
-import tempfile
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import symsde as ss
@@ -16,7 +11,7 @@ from timing import in_turn
 
 from . import machine
 from .strong import numba_version
-from .tools import ABSENT, Setting, at_most, table
+from .tools import ABSENT, Setting, asked, at_most, table
 
 PEERS = {"diffrax": "adjoint_package.py", "torchsde": "adjoint_torchsde.py"}  #: package -> program of bench/peers
 K, SIGMA, START, STEP = 1.3, 0.4, {"q0": 0.7, "p0": 0.3}, 0.01
@@ -55,9 +50,9 @@ def measure(setting: Setting) -> dict:
     times = in_turn(runs.values(), max(3, setting.repeats))
     found = {name: 1e9 * min(x) / (STEPS * PATHS) for name, x in zip(runs, times, strict=True)}
     versions = [*numba_version()]
-    for package in PEERS:
-        if peer := asked(setting, package):
-            found |= {f"{package} {name}": ns for name, ns in peer["ns"].items()}
+    for package, program in PEERS.items():
+        if peer := asked(setting, program):
+            found |= {name if name == "jax scan" else f"{package} {name}": ns for name, ns in peer["ns"].items()}
             versions.append(peer["version"])
     told = {"date": datetime.date.today().isoformat(), "cpu": machine.describe(setting)["cpu"]}
     return {**told, "versions": versions, "ns": found, "sites": of_sites(max(3, setting.repeats))}
@@ -83,24 +78,11 @@ def of_sites(repeats: int) -> dict[str, float]:
     return {name: min(x) for name, x in zip(names, in_turn(runs, repeats), strict=True)}
 
 
-def asked(setting: Setting, package: str) -> dict | None:
-    """What a package takes, from a process of its own; None if it is not installed."""
-    with tempfile.TemporaryDirectory() as folder:
-        answer = Path(folder) / "answer.json"
-        peer = Path(__file__).resolve().parents[1] / "peers" / PEERS[package]
-        command = [*shlex.split(setting.python), str(peer), str(answer)]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            print(f"{package}: skipped ({done.stderr.strip().splitlines()[-1:]})")
-            return None
-        return json.loads(answer.read_text())
-
-
 ABOUT = """$d/dk$ and $d/d\\sigma$ of $E\\,q(T)^2$ for the noisy pendulum, $H = p^2/2 - k \\cos q$ and
 $H_1 = \\sigma \\sin q$, by formula: 1000 steps of 1000 paths, ns of processor time for a step of a path on one thread,
 the least of repeats. *Forward* is the run without derivatives. In numba the adjoint of stormer_verlet is written by
-hand, with -ffast-math (`bench/peers/adjoint.py`); diffrax steps Heun's rule, torchsde the rule of its row. *Share* is
-the time of the library's stormer_verlet over that of the row."""
+hand, with -ffast-math (`bench/peers/adjoint.py`); diffrax steps Heun's rule, as a loop of one's own in jax does,
+torchsde the rule of its row. *Share* is the time of the library's stormer_verlet over that of the row."""
 CHAIN = """A chain of {sites} sites by `stormer_verlet`, derivatives by q0 and p0 and by {sites} spring constants:
 {ratio} of the time with two parameters ({target})."""
 

@@ -26,6 +26,12 @@ AXES = {
         "The runs of `dense` by the general stepper, which forms and factorises its matrices"),
     "noises": (1.0, 4, [2**i for i in range(7)],
         "Oscillator with n additive noises, Stormer-Verlet, 1024 paths, 500 steps"),
+    "sites": (1.0, 16, [4**i for i in range(2, 5)],
+        "Ring of phi^4 with the noise .1 q^2 at each of n sites, by formula, chin4a, 128 paths, 20 steps"),
+    "strong32": (1.0, 8, [8, 32, 128],
+        "The ring, gauss2_strong32, 32 paths: seconds of a path-step without set-up"),
+    "angles": (None, 4, [4**i for i in range(4)],
+        "Oscillator with n noises cos(q + k), by formula, chin4a, 512 paths, 50 steps"),
     "saved": (None, 100, [10**i for i in range(5)], "Kubo midpoint, 256 paths, 20000 steps, n of them saved"),
     "threads": (-1.0, 1, [1, 2], "Kubo midpoint, 20480 paths, 500 steps"),
 }  # fmt: skip
@@ -35,6 +41,11 @@ def noisy(x: int) -> ss.Model:
     """An oscillator with x noises."""
     scene = SCENES["noisy_oscillator"]
     return replace(scene, noises=x * scene.noises).formula()
+
+
+def turned(x: int) -> ss.Model:
+    """An oscillator with x noises of different angles."""
+    return ss.model_from_sympy("(p**2 + q**2)/2", [f"0.1*cos(q + {k})" for k in range(x)])
 
 
 def run_of(axis: str, x: int):
@@ -52,6 +63,11 @@ def run_of(axis: str, x: int):
         model, steps = SCENES["fpu_chain"].of(sites=x, sigma=0.1).model(), max(20, 2000 // x)
         seconds = {"ndof": lambda of: of["run"] * 20 / steps, "setup": lambda of: of["setup"]}[axis]
         return simulated(model, steps, q0=wave(x)), seconds
+    if axis in ("sites", "strong32"):
+        model, begin = SCENES["phi4_ring"].of(sites=x).formula(), {"q0": wave(x)}
+        if axis == "sites":
+            return simulated(model, 20, 128, scheme="chin4a", **begin), None
+        return simulated(model, 4, 32, scheme="gauss2_strong32", **begin), lambda of: of["run"] / (32 * 4)
     if axis in ("dense", "matrices"):
         model, steps = SCENES["mean_field"].of(sites=x, N=x).formula(), 20 if axis == "dense" else 4
         begin = {"q0": np.sin(0.7 * np.arange(1, x + 1)), "p0": np.cos(1.3 * np.arange(1, x + 1)), "step": 0.1}
@@ -60,6 +76,7 @@ def run_of(axis: str, x: int):
         "paths": lambda: summed(100, x),
         "steps": lambda: summed(x, 8),
         "noises": lambda: simulated(noisy(x), 500, 1024, scheme="stormer_verlet"),
+        "angles": lambda: simulated(turned(x), 50, 512, scheme="chin4a"),
         "saved": lambda: simulated(kubo, 20000, 256, 20000 // x),
         "threads": lambda: simulated(kubo, 500, 20480, threads=x),
     }[axis](), None

@@ -18,6 +18,7 @@ NAMES = {
     "C": "C functions",
     "numba": "numba cfunc",
     "numba_plain": "numba cfunc, plain",
+    "numba_bare": "numba cfunc, plain, gradient alone",
     "NumPy": "NumPy functions",
     "hand": "NumPy loop by hand",
 }
@@ -65,6 +66,7 @@ def runs_of(scheme: str, setting: Setting) -> dict:
         "C": user_model.in_c(programs),
         "numba": user_model.in_numba() if numba else None,
         "numba_plain": user_model.in_numba(plain=True) if numba else None,
+        "numba_bare": user_model.in_numba(plain=True, bare=True) if numba else None,
         "NumPy": user_model.in_numpy(),
     }
     runs = {kind: model and library(model, scheme, PATHS, STEP, q0=1.0, seed=1) for kind, model in models.items()}
@@ -100,7 +102,8 @@ def section(found: list[dict]) -> str:
         "`bench/user_model.f90` and `bench/user_model.c` are compiled with -O3 -march=native, without -ffast-math.\n"
         "They and numba take sine and cosine from the library (`sincos_lanes`, `symsde_sincos`, `numba_sincos`) and\n"
         "give gradient and Hessian in one function, which an implicit scheme calls in every iteration. The plain\n"
-        "variant takes sine and cosine from numba, which calls scalar ones for each [lane](words.md#lane).\n\n"
+        "variant takes sine and cosine from numba, which calls scalar ones for each [lane](words.md#lane). The\n"
+        "gradient alone declares nothing: Hessians are differences, and no stepper knows what it may leave out.\n\n"
         + table(["scheme", "written as", "ns", "ratio", "target", ""], cells)
         + ("" if any(r["kind"] == "numba" for r in found) else f"\n\nnumba: {ABSENT}.")
     )

@@ -4,15 +4,10 @@
 import datetime
 import functools
 import itertools
-import json
 import math
-import shlex
-import subprocess
-import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import symsde as ss
@@ -22,9 +17,8 @@ from timing import in_turn
 from .memory import TARGET as MEMORY
 from .python_calls import grown
 from .strong import numba_version, rms, steps_to, told_steps
-from .tools import ABSENT, Setting, at_most, table
+from .tools import ABSENT, Setting, asked, at_most, table
 
-PEERS = Path(__file__).resolve().parents[1] / "peers" / "langevin_package.py"
 WELL = "p**2/2 + q**4/4 - q**2/2"
 STRONG, BIAS = 1e-4, 1e-3  #: errors to reach
 SHARE = 1 / 8  #: share of a peer's time that the library may take for a strong error
@@ -58,7 +52,7 @@ def chain() -> ss.Model:
 
 def measure(setting: Setting) -> dict:
     """All rows; peers that are absent are left out."""
-    known = {name: asked(setting, name) for name in ("diffrax", "openmm")}
+    known = {name: asked(setting, "langevin_package.py", name) for name in ("diffrax", "openmm")}
     rows = [row for scene in NAMES for row in strong(scene, known["diffrax"], setting)]
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         memory = {name: pool.submit(growth, name == "damped").result() for name in ("closed", "damped")}
@@ -71,18 +65,6 @@ def measure(setting: Setting) -> dict:
         "damped": beside_closed(setting),
         "memory": memory,
     }
-
-
-def asked(setting: Setting, package: str) -> dict | None:
-    """Results of a package from a process of its own; None if the package is not installed."""
-    with tempfile.TemporaryDirectory() as folder:
-        answer = Path(folder) / "answer.json"
-        command = [*shlex.split(setting.python), str(PEERS), package, str(answer)]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            print(f"{package}: skipped ({done.stderr.strip().splitlines()[-1:]})")
-            return None
-        return json.loads(answer.read_text())
 
 
 # ---- strong errors -------------------------------------------------------------------------------------------------

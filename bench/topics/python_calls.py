@@ -3,14 +3,15 @@
 
 Calls: ms of a run of one path and one step through `symsde` and through a C call with prepared arguments, in turn.
 Steps: us of one call on one path. Observed: ns a path-step of moments of 1000 paths, every step saved, without and with
-an observable in Python. Memory: growth of this process's peak resident memory in a large run, over the size of the
-results.
+an observable in Python, or 50 by formula. Files: seconds of a run of 8 MB into a file. Memory: growth of this process's
+peak resident memory in a large run, over the size of the results.
 """
 
 import ctypes
 import re
 import statistics
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ import symsde as ss
 from symsde.native import abi, handles
 from symsde.native.checks import address
 from symsde.native.library import library
-from timing import in_turn
+from timing import in_turn, least
 
 from .tools import Setting, at_most, spread, summary, table
 
@@ -79,6 +80,7 @@ def measure(setting: Setting) -> dict:
         },
         "step": steps_of_few_paths(repeats),
         "observed": observed_steps(repeats),
+        "files": files(repeats),
         "memory": large_runs(),
     }
 
@@ -114,13 +116,30 @@ def observed_steps(repeats) -> dict[str, float]:
     paths, steps = 1000, 500
     how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": steps, "paths": paths, "threads": 1}
     radius = {"radius": lambda q, p: q[0] ** 2 + p[0] ** 2}
+    many = {f"f{k}": f"q**2 + {k}*p" for k in range(50)}
     ways = {
         "last step only": {"save_every": steps},
         "every step": {},
         "every step and observable": {"observables": radius},
+        "every step, 50 formulas": {"observables": many},
     }
     times = in_turn([lambda chosen=chosen: ss.moments(MODEL, **how, **chosen) for chosen in ways.values()], repeats)
     return {name: 1e9 * min(kept) / (paths * steps) for name, kept in zip(ways, times, strict=True)}
+
+
+def files(repeats) -> dict[str, float]:
+    """Seconds that a run of 8 MB takes into a file, for each kind that can be written here."""
+    run = ss.simulate(MODEL, **HOW | {"steps": 1023, "paths": 512})
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for ending in (".npz", ".nc"):
+            target = Path(folder) / f"run{ending}"
+            try:
+                run.save(target)
+            except ss.SymsdeError:
+                continue  # netCDF needs xarray or scipy
+            found[ending] = least({ending: lambda target=target: run.save(target)}, repeats)[ending]
+    return found
 
 
 def peak() -> int:
@@ -161,6 +180,7 @@ def section(found: dict) -> str:
         [name, f"{ns:.1f}", *at_most(ns, OBSERVED if name.endswith("observable") else None)]
         for name, ns in found["observed"].items()
     ]
+    kept = " and ".join(f"{1e3 * seconds:.3g} ms as `{ending}`" for ending, seconds in found["files"].items())
     memory = [[name, f"{mb:.0f}", f"{x:.3f}", *at_most(x, GROWN)] for name, (mb, x) in found["memory"].items()]
     return (
         "## Calls from Python\n\n"
@@ -173,6 +193,7 @@ def section(found: dict) -> str:
         "The next table gives ns for a step of a path, for moments of 1000 paths (kubo, midpoint) over 500 steps.\n\n"
         + table(["what is saved", "time [ns]", "target", ""], observed)
         + "\n\n"
+        f"A run of 8 MB is written to a file in {kept}.\n\n"
         "The last table gives the growth of the peak memory of the process in a large run, divided by the size of the "
         "arrays that it returns. A ratio of 1 means that memory holds the results once, and nothing else that is large."
         "\n\n" + table(["run", "returned [MB]", "growth of peak / returned", "target", ""], memory)

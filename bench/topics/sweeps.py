@@ -2,7 +2,8 @@
 """Times of many values of a parameter, of initial states drawn from laws, and of fits.
 
 Sweeps: 1,000 values of 100 paths and 200 steps beside a run of 100,000 paths of one value, and beside the loop of
-`loops.py` whose parameter differs by path. Values one by one: 1,000 models of 10 paths and 20 steps, made and run.
+`loops.py` whose parameter differs by path, and other packages. Values one by one: 1,000 models of 10 paths and 20
+steps, made and run.
 Draws: ns of a number beside those of NumPy's Generator. Fits: a fit beside as many runs of moments.
 """
 
@@ -12,7 +13,7 @@ import symsde as ss
 from scenes import SCENES
 from timing import least
 
-from .tools import Setting, at_least, at_most, table
+from .tools import ABSENT, Setting, asked, at_least, at_most, table
 
 VALUES, PATHS = np.linspace(0.5, 1.5, 1000), 100
 HOW = {"q0": 1.0, "p0": 0.0, "step": 0.05, "seed": 1, "threads": 1}
@@ -23,6 +24,9 @@ SWEPT = {
     "synchrotron midpoint": ("synchrotron", "midpoint", "sigma1", 4.0),
     "synchrotron Stormer-Verlet": ("synchrotron", "stormer_verlet", "sigma1", None),
 }
+BODIES = "(p1**2+p2**2+p3**2+p4**2+p5**2+p6**2)/2" + "".join(
+    f" - k/sqrt((q{i}-q{j})**2 + (q{i + 1}-q{j + 1})**2 + 0.1)" for i, j in ((1, 3), (1, 5), (3, 5))
+)  #: three bodies in a plane
 ONE_VALUE = 1.1  # times a run of as many paths of one value
 ONE_BY_ONE = 0.1  # s
 MADE = 30.0  # us
@@ -65,6 +69,8 @@ def one_by_one(repeats: int) -> dict[str, float]:
 
         ways |= {f"simulate, {kind}": lambda r=run: r(ss.simulate), f"moments, {kind}": lambda r=run: r(ss.moments)}
         ways[f"with_parameters, {kind}"] = make
+    bodies = ss.model_from_sympy(BODIES, params={"k": 1.0})
+    ways["with_parameters, 3 bodies by formula"] = lambda: [bodies.with_parameters(k=k) for k in VALUES]
     for way in ways.values():
         way()
     return least(ways, repeats)
@@ -123,6 +129,7 @@ def measure(setting: Setting) -> dict:
         "one by one": one_by_one(repeats),
         "drawn": drawn(repeats),
         "fitted": fitted(repeats),
+        "peers": asked(setting, "sweep_package.py"),
     }
 
 
@@ -136,8 +143,8 @@ def section(found: dict) -> str:
         by_loop.append([name, f"{1e3 * loop:.1f}", f"{loop / sweep:.2f}", *at_least(loop / sweep, target)])
     single = []
     for name, seconds in found["one by one"].items():
-        is_made = name.startswith("with_parameters")
-        limit = at_most(1e3 * seconds, MADE) if is_made else at_most(1e3 * seconds, 1e3 * ONE_BY_ONE)
+        most = MADE if name.startswith("with_parameters") else 1e3 * ONE_BY_ONE
+        limit = at_most(1e3 * seconds, None if "bodies" in name else most)
         single.append([name, f"{1e3 * seconds:.1f}", *limit])
     draws = [[name, f"{ns:.1f}"] for name, ns in found["drawn"].items()]
     fits = [[name, str(runs), f"{fit:.3f}", f"{fit / forward:.2f}"] for name, runs, fit, forward in found["fitted"]]
@@ -148,6 +155,7 @@ def section(found: dict) -> str:
         + table(["sweep", "time [ms]", "one value [ms]", "ratio", "target", ""], sweeps)
         + "\n\nThe next table compares these sweeps with the loop in numba whose parameter differs by path.\n\n"
         + table(["sweep", "loop [ms]", "loop / sweep", "target", ""], by_loop)
+        + beside_packages(found)
         + "\n\nThe next table gives ms of 1,000 values of the oscillator of Kubo one by one: models made by "
         "`with_parameters`, and run with 10 paths and 20 steps; of the models alone this is µs of each.\n\n"
         + table(["call", "time [ms]", "target", ""], single)
@@ -157,3 +165,13 @@ def section(found: dict) -> str:
         "are those of the search, with their exact derivatives; the ratio is to as many runs of moments.\n\n"
         + table(["fit", "runs", "time [s]", "fit / runs of moments"], fits)
     )
+
+
+def beside_packages(found: dict) -> str:
+    """The table of other packages, beside the sweep of Kubo's oscillator by formula."""
+    if not found["peers"]:
+        return f"\n\ndiffrax: {ABSENT}."
+    ours = next(sweep for name, sweep, *_ in found["swept"] if name == "Kubo midpoint, formula")
+    rows = [[f"{name}, Heun", f"{1e3 * x:.0f}", f"{x / ours:.1f}"] for name, x in found["peers"]["seconds"].items()]
+    about = f"The same sweep of the oscillator of Kubo by {found['peers']['version']}, all paths at once:"
+    return f"\n\n{about}\n\n" + table(["package", "time [ms]", "over the sweep by formula"], rows)

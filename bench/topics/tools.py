@@ -2,8 +2,12 @@
 """What the sections share: settings, the functions of the benchmark programs, and tables."""
 
 import ctypes
+import json
+import shlex
 import statistics
+import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +31,21 @@ class Setting:
         if not file.exists():
             sys.exit(f"there is no {file}: configure with -DSYMSDE_BUILD_BENCH=ON")
         return ctypes.CDLL(str(file.resolve()))
+
+
+def asked(setting: Setting, program: str, *arguments: str) -> dict | None:
+    """What a program of bench/peers writes into a file, its last argument, in a process of its own; None if its package
+    is not installed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder) / "answer.json"
+        peer = Path(__file__).resolve().parents[1] / "peers" / program
+        command = [*shlex.split(setting.python), str(peer), *arguments, str(answer)]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            print(f"{' '.join([program, *arguments])}: skipped ({done.stderr.strip().splitlines()[-1:]})")
+            return None
+        return json.loads(answer.read_text())
 
 
 def summary(values: list[float]) -> list[float]:

@@ -281,6 +281,9 @@ def test_tables_of_brought_scenes_judge_each_row():
     assert "symsde gauss_dkdkd | 1e+03* " in first and "met" not in first and "missed" not in first
     assert "| 1.1   | <= 1.2 | met" in second
     assert "| 1.1   | <= 1   | missed" in third
+    verlet = {**slow, "scheme": "stormer_verlet", "alone": 25.0, "ns": 5.0}
+    (line,) = brought.scheme_table([verlet, near, far]).splitlines()[2:]
+    assert [x.strip() for x in line.split("|")[3:7]] == ["5", "25", "10", "0.5"]
 
 
 def test_adjoint_by_hand_has_the_gradients_of_the_library():
