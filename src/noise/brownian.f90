@@ -347,12 +347,15 @@ contains
          real(wp), intent(in) :: x(n, ncolumn)
          !> Begins with this path's lane of the first column.
          real(wp), intent(inout) :: w(1 + request%nlane*(2*(request%npair - 1)*nstep + ncolumn - 1))
-         integer :: j, k
+         integer, parameter :: tile = 16  ! pairs: columns of all of them may fall on the same lines of a cache
+         integer :: first, j, k
 
-         do k = 1, ncolumn
-            do j = 0, request%npair - 1  ! x has the odd pairs after the even ones
-               ! A column of the store has nlane numbers; this path's is written.
-               w(1 + request%nlane*(2*j*nstep + k - 1)) = x(1 + j/2 + mod(j, 2)*(n/2), k)
+         do first = 0, request%npair - 1, tile
+            do k = 1, ncolumn
+               do j = first, min(first + tile, request%npair) - 1  ! x has the odd pairs after the even ones
+                  ! A column of the store has nlane numbers; this path's is written.
+                  w(1 + request%nlane*(2*j*nstep + k - 1)) = x(1 + j/2 + mod(j, 2)*(n/2), k)
+               end do
             end do
          end do
       end subroutine spread_lanes

@@ -38,7 +38,7 @@ contains
       real(wp), intent(inout) :: x(nlane*(ncolumn*(2*npair - 1) + size(silent)))
       integer(i8), dimension(most_at_once) :: paths, draws
       integer(i8), dimension(most_ahead + lane_unit) :: path_of, draw_of
-      integer :: noises(most_at_once)
+      integer :: noises(most_at_once), packed(most_at_once)
       real(wp) :: drawn(most_at_once*4 + lane_unit)  ! vectors are read from any path on
       integer :: ndraw, most, before, some, n, m, used, k, i, j
 
@@ -64,6 +64,7 @@ contains
             do while (k < size(silent) .and. used + n <= most_at_once)
                k = k + 1
                if (silent(k)) cycle
+               packed(used/n + 1) = k
                do i = 1, n
                   paths(used + i) = merge(0_i8, path_of(i), common(k))
                   draws(used + i) = draw_of(i) + before
@@ -80,13 +81,14 @@ contains
             call scaled_normals_at(m, of, paths, draws, noises, drawn)
             ! Clip before spreading, in one pass over the numbers of all noises.
             if (bound < huge(1.0_wp)) call clip_increments(4*m, bound, drawn)
-            do i = 0, used - 1, n
-               j = 1 + nlane*(noises(i + 1) - 1 + ncolumn*4*before)
-               if (nlane == 1) then
-                  call spread_alone(min(4*some, 2*npair - 4*before), ncolumn, drawn(1 + i), m, x(j))
-               else
-                  call spread(nlane, nreal, min(4*some, 2*npair - 4*before), ncolumn, drawn(1 + i), m, x(j))
-               end if
+            j = 1 + nlane*ncolumn*4*before
+            if (nlane == 1) then
+               call spread_alone(min(4*some, 2*npair - 4*before), ncolumn, used/n, packed, drawn, m, x(j))
+               cycle
+            end if
+            do i = 1, used/n
+               call spread(nlane, nreal, min(4*some, 2*npair - 4*before), ncolumn, drawn(1 + n*(i - 1)), m, &
+                           x(j + nlane*(packed(i) - 1)))
             end do
          end do
       end do
@@ -138,21 +140,41 @@ contains
    end subroutine give
 
    !> spread for a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last draw.
-   pure subroutine spread_alone(nstep, ncolumn, x, m, w)
-      integer, intent(in) :: nstep, ncolumn, m
-      real(wp), intent(in) :: x(3*m + (nstep + 3)/4)
-      real(wp), intent(inout) :: w(ncolumn*(nstep - 1) + 1)
-      integer :: draw, i
+   pure subroutine spread_alone(nstep, ncolumn, nnoise, noise, x, m, w)
+      integer, intent(in) :: nstep, ncolumn, nnoise, m
+      integer, intent(in) :: noise(nnoise)  !! their columns, in this order
+      real(wp), intent(in) :: x(4*m)
+      real(wp), intent(inout) :: w(ncolumn*(nstep - 1) + noise(nnoise))
+      integer :: some, before, draw, k, i, n, from, to
 
-      do draw = 0, nstep/4 - 1
-         !GCC$ unroll 4
-         do i = 0, 3
-            w(1 + ncolumn*(4*draw + i)) = x(1 + m*i + draw)
+      n = (nstep + 3)/4
+      some = steps_together(nstep, ncolumn)/4
+      do before = 0, nstep/4 - 1, some
+         do k = 1, nnoise
+            from = 1 + n*(k - 1)
+            to = noise(k)
+            do draw = before, min(before + some, nstep/4) - 1
+               !GCC$ unroll 4
+               do i = 0, 3
+                  w(to + ncolumn*(4*draw + i)) = x(from + m*i + draw)
+               end do
+            end do
          end do
       end do
       do i = 4*(nstep/4), nstep - 1
-         w(1 + ncolumn*i) = x(1 + m*mod(i, 4) + nstep/4)
+         do k = 1, nnoise
+            w(noise(k) + ncolumn*i) = x(1 + n*(k - 1) + m*mod(i, 4) + nstep/4)
+         end do
       end do
    end subroutine spread_alone
+
+   !> How many steps receive one noise before the next one comes: all where their numbers fit into the nearest cache,
+   !> else few, since a column of many steps may fall on the same lines of it.
+   pure integer function steps_together(nstep, width)
+      integer, intent(in) :: nstep, width  !! steps, and numbers of a step
+      integer, parameter :: cached = 2048, few = 16
+
+      steps_together = merge(4*((nstep + 3)/4), few, nstep*width <= cached)
+   end function steps_together
 
 end module symsde_noise_few_paths
