@@ -262,6 +262,30 @@ def test_second_terms_have_their_bits_alone_and_in_blocks(scheme, noises):
         assert block.report.counters["normals"] == 150 * alone.report.counters["normals"]
 
 
+@pytest.mark.parametrize("bent", [False, True])
+def test_brackets_by_rows_are_gradients_and_products(bent, n=5):
+    """Noises at sites of a chain with walls, which has rows, and one of all bonds, whose second derivative is no
+    diagonal; in strips that are full and not, and alone, against the general stepper of formulas of single sites."""
+    at = ["0", *(f"x{i}" for i in range(n)), "0"]
+    pairs = [f"{b} - {a}" for a, b in zip(at, at[1:], strict=False)]
+    whole = " + ".join([*(f"({x})**2/2" for x in pairs), *(f"y{i}**2/2 + x{i}**4/4" for i in range(n))])
+    noises = ["Sum(0.3*cos(q[i+1] - q[i] + 0.4), i)"] * bent + ["0.3*q[k]**2 + 0.2*sin(q[k])"]
+    single = [" + ".join(f"0.3*cos({x} + 0.4)" for x in pairs)] * bent
+    single += [f"0.3*{x}**2 + 0.2*sin({x})" for x in at[1:-1]]
+    drift = "Sum(p[i]**2/2 + q[i]**4/4, i) + Sum((q[i+1]-q[i])**2/2, i)"
+    rows = ss.model_from_sympy(drift, noises, n=n, ends="fixed")
+    none = ss.model_from_sympy(whole, single, q=at[1:-1], p=[f"y{i}" for i in range(n)])
+    assert "formula_chain_rows" in rows.formula.source and "formula_chain_rows" not in none.formula.source
+    given = {"q0": np.linspace(-0.5, 0.7, n), "p0": 0.4, "step": 0.1, "steps": 10, "seed": 3, "threads": 1}
+    given["scheme"] = "gauss2_strong32"
+    block, plain = (ss.simulate(x, paths=41, general=x is none, **given) for x in (rows, none))
+    np.testing.assert_allclose(block.q, plain.q, rtol=0, atol=2e-13)
+    np.testing.assert_allclose(block.p, plain.p, rtol=0, atol=2e-13)
+    for path in (0, 17, 40):
+        alone = ss.simulate(rows, paths=1, first_path=path, **given)
+        assert np.array_equal(block.q[:, :, path], alone.q[:, :, 0])
+
+
 def test_work_of_brackets_does_not_grow_with_sites():
     """gauss2_strong32 takes two gradients and one product an evaluation, for any number of local noises."""
     counts = []

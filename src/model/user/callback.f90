@@ -21,6 +21,7 @@ module symsde_model_user_callback
    use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory, incompatible
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_base_vectors, only: copy_numbers => copy
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, hessian_vector_composed, &
                                     force_stiffness_composed
    use symsde_model_kernels, only: kernel_model
@@ -513,8 +514,10 @@ contains
 
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, strip_lanes, self%user, now)
-      call spoil(size(hq), hq)
-      call spoil(size(hqq), hqq)
+      if (.not. self%passed%is_kept()) then
+         call spoil(size(hq), hq)
+         call spoil(size(hqq), hqq)
+      end if
       code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, now%user)
       if (self%parameters%act) call now%leave()
       if (code == 0) return
@@ -546,10 +549,12 @@ contains
       code = out_of_memory
       if (associated(padded)) then
          padded(1) = 0
-         padded(2:ndof + 1) = q(1, :)
+         call copy_numbers(ndof, q, padded(2:ndof + 1))
          padded(ndof + 2) = 0
-         call spoil(ndof, hq)
-         call spoil(2*ndof, hqq)
+         if (.not. self%passed%is_kept()) then
+            call spoil(ndof, hq)
+            call spoil(2*ndof, hqq)
+         end if
          code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, now%user)
       end if
       if (self%parameters%act) call now%leave()

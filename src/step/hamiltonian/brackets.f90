@@ -37,13 +37,13 @@ module symsde_step_hamiltonian_brackets
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
-   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
    use symsde_scheme_scheme, only: bracket_terms
    use symsde_step_hamiltonian_brackets_exact, only: exact_bracket, new_exact_bracket, has_exact_bracket
+   use symsde_step_hamiltonian_noise_rows, only: new_noise_rows
    implicit none
    private
    public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, single_weights, reach
@@ -110,6 +110,7 @@ contains
       if (self%simple .and. self%colours%n > 1 .and. offers%squares) self%squares => kernels_of(model)
       self%together = self%simple .and. self%active%single .and. self%active%nested .and. &
                       .not. associated(self%squares)
+      if (self%together) call new_noise_rows(self%rows, model, nlane)
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
       ! The single bracket has a term for every noise that changes in time. The bracket {H_k(t_1),H_k(t_0)} is zero
       ! for noise in position, and has no gradient for additive noise.
@@ -138,14 +139,14 @@ contains
 
       whole = .true.
       if (present(rest)) whole = .not. rest
-      ! The brackets of `simple` write into sq and sp, unless they have no part in q.
+      ! The single brackets of `simple` write into sp, and by themselves into sq, unless they have no part in q.
       direct = self%simple .and. whole .and. self%active%single
-      if (.not. direct .or. self%model%traits%additive) self%sq = 0
+      if (.not. direct .or. self%together .or. self%model%traits%additive) self%sq = 0
       if (.not. direct) self%sp = 0
       ! The weights c_k of single brackets come first: add_motion computes its weights from them.
       if (.not. self%begun) call find_weights(self, step)
       if (whole .and. self%together) then
-         call self%find_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, self%sq, self%sp)
+         call self%add_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, self%sq, self%sp)
       else if (whole .and. self%active%single) then
          call add_single(self, t, q, p)
       end if
@@ -185,8 +186,7 @@ contains
          return
       end if
       if (.not. self%begun) call find_weights(self, step)
-      call self%find_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, self%sq, hp)
-      call add_times(size(hq), 1.0_wp, self%sq, hq)
+      call self%add_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, hq, hp)
       call count_up(self, counters, nreal)
    end subroutine find_beside
 

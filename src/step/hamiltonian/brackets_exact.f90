@@ -17,7 +17,9 @@ module symsde_step_hamiltonian_brackets_exact
    use symsde_base_kinds, only: wp
    use symsde_base_supports, only: noise_colours, noise_supports, sort_noises
    use symsde_base_traits, only: model_traits
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
+   use symsde_step_hamiltonian_noise_rows, only: noise_rows, new_noise_rows
    implicit none
    private
    public :: exact_bracket, new_exact_bracket, has_exact_bracket
@@ -32,13 +34,14 @@ module symsde_step_hamiltonian_brackets_exact
       integer :: ngradient = 0, nproduct = 0  !! calls of the model per path since the last count
       real(wp), allocatable :: f(:, :)    !! weights of one noise or of a colour (nlane, 0:nnoise)
       integer :: shown = 0                !! the colour in f; 0 = none
+      type(noise_rows) :: rows            !! brackets of noises in position of a chain
       real(wp), allocatable :: still(:, :)  !! zeros (nlane, ndof)
       real(wp), allocatable :: own(:, :)    !! the weight of the noise of a colour that touches (nlane, ndof)
       real(wp), allocatable, dimension(:, :) :: uq, up, vq, vp, rq, rp, yq, yp, gq, gp, xq  !! (nlane, ndof)
    contains
       procedure :: sort
       procedure :: add_exact
-      procedure :: find_position_brackets
+      procedure :: add_position_brackets
       procedure :: spread
       procedure :: add_product
       procedure :: add_transposed
@@ -135,43 +138,58 @@ contains
       if (.not. additive) call self%add_transposed(t, weights, self%yq, self%yp, q, p, hq, hp)
    end subroutine add_exact
 
-   !> (hq, hp) = the gradient of single and nested brackets of noises in position with H = p.p/2 + U(q),
-   !> sum_k c_k H_k,q.p + (e/2) H_k,q.H_k,q with e = h|h|/6. No two noises of a colour touch one degree of freedom, so
-   !> that each degree of freedom i has one c_i in a colour: with F the sum of these noises
+   !> The gradient of single and nested brackets of noises in position with H = p.p/2 + U(q), sum_k c_k H_k,q.p +
+   !> (e/2) H_k,q.H_k,q with e = h|h|/6: its q part is added to hq, its p part is hp. No two noises of a colour touch
+   !> one degree of freedom, so that each degree of freedom i has one c_i in a colour: with F the sum of these noises
    !>
    !>    (Hess F (c_i p_i + e F_i), c_i F_i)      is summed over colours,
    !>
-   !> by one gradient and one product for each.
-   subroutine find_position_brackets(self, c, is_spread, t, h, q, p, hq, hp)
+   !> by one gradient and one product for each, or by its rows (step/hamiltonian/noise_rows).
+   subroutine add_position_brackets(self, c, is_spread, t, h, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: c(self%nlane, 0:self%nnoise)
       logical, intent(in) :: is_spread   !! whether `spread` has been called for the only colour
       real(wp), intent(in) :: t, h
       real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
-      real(wp), intent(out), dimension(self%nlane, self%ndof) :: hq, hp
+      real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq
+      real(wp), intent(out), dimension(self%nlane, self%ndof) :: hp
       integer :: colour
 
-      associate (n => self%nlane, d => self%ndof, m => self%nnoise, e => h*abs(h)/6)
-         if (self%colours%n == 0) hq = 0
-         if (self%colours%n == 0) hp = 0
-         do colour = 1, self%colours%n
-            if (.not. is_spread) call self%spread(colour, c)
-            call self%show_colour(colour)
-            call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
-            if (colour == 1) then
-               call weigh(n*d, e, self%own, p, self%vq, self%rq, hp)
-               call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%rq, self%still, hq, self%gp)
-            else
-               call weigh(n*d, e, self%own, p, self%vq, self%rq, self%rp)
-               call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%rq, self%still, self%gq, self%gp)
-               hq = hq + self%gq
-               hp = hp + self%rp
-            end if
-         end do
-      end associate
+      if (self%colours%n == 0) hp = 0
+      do colour = 1, self%colours%n
+         if (.not. is_spread) call self%spread(colour, c)
+         call self%show_colour(colour)
+         if (colour == 1) then
+            call add_colour(self, colour, t, h*abs(h)/6, q, p, hq, hp)
+         else
+            call add_colour(self, colour, t, h*abs(h)/6, q, p, hq, self%rp)
+            hp = hp + self%rp
+         end if
+      end do
       self%ngradient = self%ngradient + self%colours%n
       self%nproduct = self%nproduct + self%colours%n
-   end subroutine find_position_brackets
+   end subroutine add_position_brackets
+
+   !> The part of the shown colour: Hess F (c_i p_i + e F_i) is added to hq, and hp = c_i F_i.
+   subroutine add_colour(self, colour, t, e, q, p, hq, hp)
+      class(exact_bracket), intent(inout) :: self
+      integer, intent(in) :: colour
+      real(wp), intent(in) :: t, e
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
+      real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
+
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise)
+         if (associated(self%rows%model)) then
+            call self%rows%choose(colour, self%f)
+            call self%rows%add(n, t, e, self%own, q, p, hq, hp)
+            return
+         end if
+         call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
+         call weigh(n*d, e, self%own, p, self%vq, self%rq, hp)
+         call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%rq, self%still, self%gq, self%gp)
+         call add_times(n*d, 1.0_wp, self%gq, hq)
+      end associate
+   end subroutine add_colour
 
    !> own = c_i of the degrees of freedom that noises of a colour touch, and zero in all others.
    subroutine spread(self, colour, c)

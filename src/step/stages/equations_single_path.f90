@@ -21,7 +21,7 @@ module symsde_step_stages_equations_single_path
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_stages_groups, only: stage_plan, stage_group, new_stage_plan
-   use symsde_step_stages_slope_sums, only: add_slopes, sum_slopes => weigh_slopes
+   use symsde_step_stages_slope_sums, only: add_slopes, sum_slopes => weigh_slopes, place_two
    use symsde_step_stages_sweeps_ahead, only: sweeps_ahead, new_sweeps_ahead
    implicit none
    private

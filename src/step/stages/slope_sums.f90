@@ -19,7 +19,7 @@ module symsde_step_stages_slope_sums
    use symsde_base_vectors, only: add_times
    implicit none
    private
-   public :: add_slopes, weigh_slopes
+   public :: add_slopes, weigh_slopes, place_two
 
    integer, parameter :: few = 4      !! fewest numbers of a path that are added as vectors
    integer, parameter :: at_once = 3  !! most slopes that are added in one pass
@@ -94,6 +94,23 @@ contains
          call add_times(n, c(k), slope(1, k), total)
       end do
    end subroutine weigh_slopes
+
+   !> VEC One of two stages i, of which j is the other, at one pass if all slopes are known: x = start + b_i F_i +
+   !> b_j F_j + a_i C_i + a_j C_j and y = p + d_i F_i + d_j F_j, with the order of additions of single sums.
+   pure subroutine place_two(n, j, b, a, d, f, c, start, p, x, y)
+      integer, intent(in) :: n, j
+      real(wp), intent(in), dimension(2) :: b, a, d
+      real(wp), intent(in), dimension(n, 2) :: f, c
+      real(wp), intent(in), dimension(n) :: start, p
+      real(wp), intent(out), dimension(n) :: x, y
+      integer :: i, k
+
+      i = 3 - j
+      do k = 1, n
+         x(k) = start(k) + b(i)*f(k, i) + b(j)*f(k, j) + a(i)*c(k, i) + a(j)*c(k, j)
+         y(k) = p(k) + d(i)*f(k, i) + d(j)*f(k, j)
+      end do
+   end subroutine place_two
 
    !> VEC total = start + c x: one slope, or the only one with a nonzero coefficient.
    pure subroutine add_one(n, c, x, start, total)
