@@ -132,7 +132,7 @@ MADE = {
     "noise_force": lambda q, p, t: np.array([q, q**2]),
     "noise_force_derivative": OMITTED,
     **dict.fromkeys(("value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative"), OMITTED),
-    **dict.fromkeys(("chain_rows", "flows", "any_lanes"), OMITTED),
+    **dict.fromkeys(("chain_rows", "flows", "any_lanes", "drift", "kick"), OMITTED),
 }
 CHAIN = {"H": "Sum(p[i]**2/2 + k*q[i]**2/2, i)", "noise": ["s*q[i]"], "n": 3, "params": {"k": 2.0, "s": 0.1}}
 CHAIN |= {"force": OMITTED, "noise_force": OMITTED, "split": OMITTED}
