@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Noises that touch few degrees of freedom: sums over noises that do not meet, against sums over all pairs."""
 
+import itertools
+
 import numpy as np
 import pytest
 import symsde as ss
@@ -267,7 +269,7 @@ def test_brackets_by_rows_are_gradients_and_products(bent, n=5):
     """Noises at sites of a chain with walls, which has rows, and one of all bonds, whose second derivative is no
     diagonal; in strips that are full and not, and alone, against the general stepper of formulas of single sites."""
     at = ["0", *(f"x{i}" for i in range(n)), "0"]
-    pairs = [f"{b} - {a}" for a, b in zip(at, at[1:], strict=False)]
+    pairs = [f"{b} - {a}" for a, b in itertools.pairwise(at)]
     whole = " + ".join([*(f"({x})**2/2" for x in pairs), *(f"y{i}**2/2 + x{i}**4/4" for i in range(n))])
     noises = ["Sum(0.3*cos(q[i+1] - q[i] + 0.4), i)"] * bent + ["0.3*q[k]**2 + 0.2*sin(q[k])"]
     single = [" + ".join(f"0.3*cos({x} + 0.4)" for x in pairs)] * bent
