@@ -99,7 +99,7 @@ contains
       type(bond_turns), intent(inout) :: self
       integer, intent(in) :: noisy(:)
       type(noise_pairs), intent(in) :: pairs
-      integer, allocatable :: k(:), l(:), column(:)
+      integer, allocatable :: k(:), l(:)
       integer :: b, kl, pass, n
 
       if (allocated(pairs%k)) then
@@ -109,7 +109,6 @@ contains
          k = noisy
          l = noisy
       end if
-      column = [(kl, kl=1, size(k))]
       allocate (self%from(self%bonds%n + 1), source=0)
       do pass = 1, 2
          n = 0
@@ -121,7 +120,7 @@ contains
                if (pass == 1) cycle
                self%k(n) = k(kl)
                self%l(n) = l(kl)
-               self%column(n) = column(kl)
+               self%column(n) = kl
             end do
             self%from(b + 1) = n
          end do
