@@ -99,7 +99,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="shorter runs: rougher numbers")
     parser.add_argument("--repeats", type=int, default=7, help="repeats of each measurement")
     parser.add_argument("--only", nargs="+", choices=TOPICS, default=list(TOPICS), help="these sections alone")
-    parser.add_argument("--python", default=sys.executable, help="an interpreter that has diffrax and OpenMM")
+    parser.add_argument("--python", default=sys.executable, help="an interpreter that has diffrax, torchsde and OpenMM")
     parser.add_argument("--rows", default="", help="of the section loops: rows whose name matches alone")
     parser.add_argument("--markdown", type=Path, help="write the tables to this page, with --only these sections")
     parser.add_argument("--json", type=Path, help="write the numbers to this file")

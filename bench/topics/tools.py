@@ -22,7 +22,7 @@ class Setting:
     repeats: int
     quick: bool
     rows: str = ""  #: a regular expression for the rows of the section loops
-    python: str = sys.executable  #: the interpreter that has diffrax and OpenMM
+    python: str = sys.executable  #: the interpreter that has diffrax, torchsde and OpenMM
 
     @property
     def programs(self) -> ctypes.CDLL:
