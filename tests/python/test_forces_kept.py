@@ -198,3 +198,29 @@ def test_friction_that_vanishes():
     gone = rubbed().with_parameters(g=-0.7)
     assert not gone.damping and np.array_equal(last(gone), last(rubbed(g=-0.7)))
     assert np.array_equal(last(gone.with_parameters(g=0.5)), last(rubbed()))
+
+
+SLOPE = {"force_derivative": lambda q, p, t: (0 * q[np.newaxis], -15 * p[np.newaxis] ** 2)}
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.filterwarnings("ignore::symsde.errors.UnusedParameterWarning")
+@pytest.mark.parametrize("rate", [0.0, 0.3, "g*k"])
+@pytest.mark.parametrize("make", [drag_of, rubbed, bathed])
+def test_functions_take_the_place_of_formulas(make, rate):
+    """`forced` puts functions in the place of forces in formulas: in runs, for other values, and in derivatives."""
+    written = make(g=0.5).damped(rate)
+    params = {name: written.parameters[name] for name in ("k", "s", "g")}
+    bare = ss.model_from_sympy("p**2/2 - k*cos(q)", ["s*sin(q)", "0"][: written.nnoise], params=params).damped(rate)
+    run = {**RUN, "scheme": "midpoint", "paths": 3}
+    for given in ({}, {"force": drag, **SLOPE}):
+        mine, theirs = written.forced(**given), bare.forced(**given)
+        for values in ({}, {"k": 1.7}, {"k": 1.1, "s": 0.6}):
+            mine, theirs = mine.with_parameters(**values), theirs.with_parameters(**values)
+            np.testing.assert_allclose(last(mine, **run), last(theirs, **run), rtol=1e-12)
+        found, right = (ss.gradient(x, "q**2", ["k", "s", "q0"], **run).by_path for x in (mine, theirs))
+        for name in found:
+            np.testing.assert_allclose(found[name], right[name], rtol=1e-12)
+    assert not np.array_equal(last(written, **run), last(written.forced(), **run))
+    forced = written.forced(drag)
+    assert np.array_equal(last(pickle.loads(pickle.dumps(forced))), last(forced))

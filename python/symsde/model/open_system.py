@@ -152,7 +152,7 @@ class OpenSystem:
         position_noise_force: bool = False,
         force_bandwidth: int | None = None,
     ) -> Self:
-        """The same model with forces beside its Hamiltonians, in place of those that it has:
+        """The same model with forces beside its Hamiltonians, in place of all that it has, those in formulas, too:
 
             dq = H_p dt + sum_k H_{k,p} o dW_k,    dp = (-H_q + F) dt + sum_k (-H_{k,q} + f_k) o dW_k
 
@@ -176,7 +176,11 @@ class OpenSystem:
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force,
             force_bandwidth,
         )  # fmt: skip
-        return self._with_forces(forces)
+        return self._without_written_forces()._with_forces(forces)
+
+    def _without_written_forces(self) -> Self:
+        """This model, without the forces that stand in its formulas."""
+        return self
 
     def _rubbed_by_noises(self, beta: float) -> Self:
         """The model with the force -beta/2 sum_k H_k,q (H_k,q . H_p) of its noises in position, a friction.

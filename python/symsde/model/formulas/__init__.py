@@ -4,6 +4,7 @@
 formula_model        `model_from_sympy`
 formula_code         formulas derived and compiled, for all values of parameters of a kind
 parameters           values of parameters, numbers or arrays by path
+warn                 warnings about formulas that are taken
 formula_scenes       models from formulas in scenes
 formula_observables  observables from formulas, for any model
 path_formula         a formula of the end of a path, with its derivatives

@@ -12,24 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import (
-    IncompatibleError,
-    InvalidArgumentError,
-    KinkWarning,
-    StandingSiteWarning,
-    UnknownNameError,
-    UnusedParameterWarning,
-)
+from ...errors import IncompatibleError, InvalidArgumentError, UnknownNameError
 from ...native import callbacks, checks, handles
 from ..definition import Model
+from ..forces import Forces
 from ..rates import Rates, rates_of
 from ..user_handles import ModelHandle, derived, with_kernels
-from . import compiler, emit_c, emit_chain_flow, emit_flow, formula_code, in_numpy, matrices, parameters
+from . import compiler, emit_c, emit_chain_flow, emit_flow, formula_code, in_numpy, matrices, parameters, warn
 from . import forces as _forces
 from . import rates as _rates
 from .derivatives import Derivatives
 from .formula_code import Code, Formula
-from .named_formulas import MAX_DOF, default_names, named, quoted, several, unused
+from .named_formulas import MAX_DOF, default_names, named, quoted, several
 from .parse import folded
 from .sites import Chain, by_site
 
@@ -118,7 +112,7 @@ class FormulaModel(Model):
             if key in chosen:
                 chosen[key] = by_site(key, chosen[key], self._chain.n)
         values = {**self._parameters, **chosen}
-        rates = self._by_formula or self._varying or (self._asked if self.damping and self._asked.any() else None)
+        rates = self._asked_if_any
         self._require_own_friction()
         if self._code.pulls.acts:
             _, (given,) = self._remade
@@ -127,9 +121,29 @@ class FormulaModel(Model):
 
     def _forced_too(self, other: FormulaModel) -> FormulaModel:
         """Another model with the forces that `forced` gave this one; it has those of its formulas already."""
+        return other._with_forces(self._forces) if self._forces and not self._has_written_forces else other
+
+    @property
+    def _has_written_forces(self) -> bool:
+        """Whether its forces stand in its formulas, or are derived from them."""
         _, (given,) = self._remade
-        by_formulas = given["force"] or given["noise_force"] or given.get("bath")
-        return other._with_forces(self._forces) if self._forces and not by_formulas else other
+        return bool(given["force"] or given["noise_force"] or given.get("bath"))
+
+    def _without_written_forces(self) -> FormulaModel:
+        """See `Model._without_written_forces`; its code holds none either, so that other values bring none back."""
+        if not self._has_written_forces:
+            return self
+        make, (given,) = self._remade
+        bare = make({**given, "force": None, "noise_force": None, "bath": None, "damping": None})
+        rates = self._asked_if_any
+        return bare if rates is None else bare.damped(rates, allow_gain=True)
+
+    def _with_forces(self, forces: Forces) -> FormulaModel:
+        """As of every model; rates that are formulas stay formulas."""
+        if not self._by_formula:
+            return super()._with_forces(forces)
+        other = _damped(self._closed._with_forces(forces), self._code, self._by_formula)
+        return other._in_bath(self._bath, self._fluctuating) if self._bath else other
 
     def _part(self, where: slice | np.ndarray) -> FormulaModel:
         """See `Model._part`."""
@@ -207,6 +221,12 @@ class FormulaModel(Model):
         if self._by_formula or self._varying:
             return self._by_formula or self._varying
         return np.subtract(self.damping or 0.0, self._friction or 0.0)
+
+    @property
+    def _asked_if_any(self) -> np.ndarray | Rates | _rates.Asked | None:
+        """The same; None where nothing was asked for."""
+        asked = self._asked
+        return (asked if self.damping and asked.any() else None) if isinstance(asked, np.ndarray) else asked
 
     def _parameter(self, name: str) -> str:
         """The internal name of a parameter."""
@@ -300,53 +320,13 @@ def model_from_sympy(
     model = _made(given)
     if not (by_formulas or damping is None):
         model = model.damped(damping, allow_gain=allow_gain)
-    _warn_of_kinks(model)
-    _warn_of_standing_sites(model)
+    warn.of_kinks(model)
+    warn.of_standing_sites(model)
     acting = [x for row in _forces.rows_of(given["force"], given["noise_force"]) for x in row]
     acting += damping.formulas if by_formulas else ()
     others = (x for key in ("noise", "invariants", "split") for x in several(key, given[key]))
-    _warn_of_unused(params, [given["H"], *others, *acting])
+    warn.of_unused(params, [given["H"], *others, *acting])
     return model
-
-
-def _warn_of_kinks(model: FormulaModel) -> None:
-    """Say which orders hold where the formulas have kinks."""
-    if not model.kinked:
-        return
-    texts = ", ".join(quoted(model.formula.hamiltonians[k]) for k in model.kinked)
-    checks.warn(
-        f"{texts} {'has' if len(model.kinked) == 1 else 'have'} a kink or jump: orders of schemes hold on each "
-        "side. Steps in which the force jumps have errors of order h, and steps in which its slope jumps of order h^2: "
-        "across these no scheme has a higher order, and implicit ones may not solve some. The impulse at a jump of H "
-        "itself is not seen at all",
-        KinkWarning,
-    )
-
-
-def _warn_of_standing_sites(model: FormulaModel) -> None:
-    """Say which sites of a chain have no momentum in H, since free ends leave their kinetic energy out."""
-    if names := model.standing:
-        one = len(names) == 1
-        checks.warn(
-            f"H holds no {' and no '.join(names)}, so that {'this site does' if one else 'these sites do'} not move by "
-            "H: free ends leave out all of a summand that reaches beyond an end. Write terms of one site in a sum of "
-            'their own, as Sum(p[i]**2/2, i) + Sum((q[i+1] - q[i])**2/2, i), or say ends = "periodic" or "fixed"',
-            StandingSiteWarning,
-        )
-
-
-def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> None:
-    """Warn of parameters that occur in no formula: a misspelt name, or a forgotten noise."""
-    if names := unused(params, formulas):
-        one = len(names) == 1
-        told = (
-            f"no formula holds the parameter{'' if one else 's'} {', '.join(names)}: {'its value' if one else 'they'} "
-        )
-        told += "changes nothing" if one else "change nothing"
-        held = sorted(set(map(folded, params)) - set(names))
-        told += f"; the formulas hold {', '.join(held)}" if held else ""
-        told += "" if len(formulas) > 1 else "; no noise is given: noises stand in a list, as noise=['sigma*q']"
-        checks.warn(told, UnusedParameterWarning)
 
 
 def _made(given: dict[str, Any]) -> FormulaModel:
