@@ -93,7 +93,7 @@ def test_bits_of_paths_alone(kind):
         try:
             run = of_all(kind, scheme=scheme)
         except ss.errors.SymsdeError as refusal:
-            if kind == "kubo" and scheme in ("gauss_dkdkd", "verlet_kdk"):  # flows of a quadratic part, of numbers alone
+            if kind == "kubo" and scheme in ("gauss_dkdkd", "verlet_kdk"):  # quadratic parts have numbers alone
                 continue
             with pytest.raises(type(refusal)):  # numbers are refused likewise
                 alone(kind, 0, as_array=False, scheme=scheme)
