@@ -175,6 +175,12 @@ int symsde_model_parameters(const char *name, char *buffer, size_t size, size_t 
 /* a built-in model; parameters that are not given keep their defaults */
 int symsde_model_get(const char *name, int nparameter, const char *const *keys, const double *values,
                      symsde_model *model, symsde_error *error);
+/* a built-in model with parameters that differ from path to path: values[nparameter][nrow], which are copied. Path
+ * first_path + i of a run has row i, or row i/n with row_paths = n of the options, and one row is for all paths, as of
+ * symsde_model_set_parameters. They may differ if they are factors of Hamiltonians; alpha of henon_heiles, n and beta of
+ * fpu_chain, omega, epsilon, nu and alpha of driven_pendulum are one number for all paths (SYMSDE_INCOMPATIBLE) */
+int symsde_model_get_by_path(const char *name, int nparameter, const char *const *keys, int64_t nrow,
+                             const double *values, symsde_model *model, symsde_error *error);
 /* your own model; value, hessian and hessian_vector may be NULL */
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,

@@ -2,7 +2,7 @@
 !> The handle of a model: create, read traits, probe, delete.
 module symsde_capi_model
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
+      c_associated, c_double, c_f_pointer, c_funptr, c_int, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, &
       c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_reserve
@@ -11,7 +11,7 @@ module symsde_capi_model
    use symsde_base_text, only: name_length, to_text
    use symsde_base_traits, only: model_traits
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require, take_struct, give_struct
+   use symsde_capi_error, only: finish, require, check_sizes, take_struct, give_struct
    use symsde_capi_probe, only: probe_at, take_traits_at
    use symsde_capi_traits, only: c_traits, from_traits, to_traits
    use symsde_capi_text, only: read_text, put_text, lines
@@ -21,10 +21,11 @@ module symsde_capi_model
    use symsde_model_user_callback_rates, only: callback_rates
    use symsde_model_views_thermostat, only: thermostat_model
    use symsde_model_catalogue_by_name, only: get_model, model_names, tabulate
+   use symsde_model_catalogue_by_path, only: get_model_by_path
    implicit none
    private
    public :: model_handle, find_model, use_model, copy_model, begin_handle, new_handle
-   public :: symsde_model_names, symsde_model_parameters, symsde_model_get
+   public :: symsde_model_names, symsde_model_parameters, symsde_model_get, symsde_model_get_by_path
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
    public :: symsde_model_set_probed_traits
 
@@ -163,6 +164,37 @@ contains
       call new_handle(made, model, refusal)
       status = finish(refusal, error)
    end function symsde_model_get
+
+   !> Create a built-in model whose parameters differ from path to path: values[nparameter][nrow], row i for path
+   !> first_path + i of a run, or one row for all paths.
+   function symsde_model_get_by_path(name, nparameter, keys, nrow, values, model, error) result(status) &
+      bind(c, name='symsde_model_get_by_path')
+      type(c_ptr), intent(in), value :: name, keys, values, model, error
+      integer(c_int), intent(in), value :: nparameter
+      integer(c_int64_t), intent(in), value :: nrow
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      character(:), allocatable :: text
+      character(len=name_length), allocatable :: names(:)
+      real(wp), pointer, contiguous :: given(:, :)
+      class(model_type), allocatable :: made
+
+      call begin_handle(model, 'model', refusal)
+      call read_text(name, 'name', text, refusal)
+      call read_keys(nparameter, keys, names, refusal)
+      if (nparameter == 0 .or. nrow < 1) &
+         call raise(refusal, invalid_argument, 'symsde_model_get_by_path', 'nparameter = '//to_text(nparameter)// &
+                    ', nrow = '//to_text(nrow)//': name one parameter at least, and give a row for each path, or '// &
+                    'one for all; symsde_model_get makes models without rows')
+      call require(values, 'values', refusal)
+      call check_sizes(int(nparameter, i8), nrow, 1_i8, 'values', refusal)
+      if (.not. allocated(refusal)) then
+         call view(values, nrow, int(nparameter, i8), given)
+         call get_model_by_path(made, text, names, given, refusal)
+      end if
+      call new_handle(made, model, refusal)
+      status = finish(refusal, error)
+   end function symsde_model_get_by_path
 
    !> Create a model from the user's functions.
    function symsde_model_new(name, traits, gradient, value, hessian, hessian_vector, user, model, error) &

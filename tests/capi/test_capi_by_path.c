@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
- * Parameters that differ from path to path: symsde_model_set_parameters, symsde_lanes, symsde_model_with_user, and the
- * noise that groups of paths share, noise_paths.
+ * Parameters that differ from path to path: symsde_model_set_parameters, symsde_lanes, symsde_model_with_user,
+ * symsde_model_get_by_path of built-in models, rows that neighbours share, row_paths, and the noise that groups of paths
+ * share, noise_paths.
  */
 #include "run.h"
 
@@ -100,6 +101,99 @@ static void test_points(void) {
    symsde_model_delete(&model);
 }
 
+/* a built-in model: path i has the bits of a run of path i alone with an array of one, and, to rounding, those of a run of
+ * the model with its numbers; in a heat bath and with damping, too */
+static void test_built_in(const char *name, const char *const *keys, const char *scheme, int open) {
+   static double values[2 * PATHS];
+   symsde_options options = some_options();
+   symsde_model model = NULL;
+   double apart = 0, moved = 0;
+   const double gamma = 0.4, beta = 2;
+
+   for (int i = 0; i < PATHS; i++) {
+      values[i] = k[i];
+      values[PATHS + i] = 0.3 + 0.2 * cos(0.7 * i);
+   }
+   options.first_path = 256;
+   for (int i = -1; i < PATHS; i += i < 0 ? 1 : 37) { /* all paths, then some of them by themselves */
+      const double one_row[] = {values[i < 0 ? 0 : i], values[PATHS + (i < 0 ? 0 : i)]};
+      for (int plain = 0; plain < (i < 0 ? 1 : 2); plain++) {
+         if (plain)
+            OK(symsde_model_get(name, 2, keys, one_row, &model, &error));
+         else
+            OK(symsde_model_get_by_path(name, 2, keys, i < 0 ? PATHS : 1, i < 0 ? values : one_row, &model, &error));
+         if (open == 1)
+            OK(symsde_model_set_damping(model, 1, &gamma, 0, &error));
+         if (open == 2)
+            OK(symsde_model_thermostat(model, 1, &gamma, 1, &beta, &error));
+         options.paths = i < 0 ? PATHS : 1;
+         options.first_path = 256 + (i < 0 ? 0 : i);
+         run(model, scheme, &options, i < 0 ? &a : &b);
+         symsde_model_delete(&model);
+         for (int n = 0; i >= 0 && n < NTIME; n++) {
+            const double dq = fabs(b.q[n] - a.q[n * PATHS + i]), dp = fabs(b.p[n] - a.p[n * PATHS + i]);
+            if (plain)
+               apart = fmax(apart, fmax(dq, dp));
+            else
+               CHECK(dq == 0 && dp == 0);
+            moved = fmax(moved, fabs(b.q[n] - 1));
+         }
+      }
+   }
+   CHECK(apart < 1e-12 && moved > 0.1);
+}
+
+/* built-in models by path: points of an evaluation have the parameters of the paths; bad input is refused */
+static void test_built_in_points_and_refusals(void) {
+   const char *const a_key[] = {"a"}, *const wrong[] = {"omega"}, *const twice[] = {"a", "a"}, *const nu[] = {"nu"};
+   static double w[2 * PATHS], q[PATHS], p[PATHS], hq[PATHS], two[2] = {1, 2}, huge[2] = {1, 1e200}, bad[2] = {1, 0};
+   symsde_model model = NULL;
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+
+   for (int i = 0; i < PATHS; i++)
+      w[i] = q[i] = 1;
+   OK(symsde_model_get_by_path("kubo", 1, a_key, PATHS, k, &model, &error));
+   OK(symsde_model_gradient(model, PATHS, 0, w, q, p, hq, NULL, &error));
+   for (int i = 0; i < PATHS; i++)
+      CHECK(hq[i] == k[i]);
+   symsde_model_delete(&model);
+   OK(symsde_model_get_by_path("kubo", 1, a_key, 7, k, &model, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "kubo has parameters for 7 paths|run has 300|one for all",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "built in", symsde_model_set_parameters(model, 1, 7, k, &error));
+   symsde_model_delete(&model);
+   bad[1] = NAN;
+   EXPECT(SYMSDE_UNKNOWN_NAME, "no parameter 'omega'|sigma",
+          symsde_model_get_by_path("kubo", 1, wrong, 2, two, &model, &error));
+   EXPECT(SYMSDE_UNKNOWN_NAME, "no model 'kobu'|kubo",
+          symsde_model_get_by_path("kobu", 1, a_key, 2, two, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "given twice", symsde_model_get_by_path("kubo", 2, twice, 1, two, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "parameter a of model 'kubo' is NaN in row 2|finite",
+          symsde_model_get_by_path("kubo", 1, a_key, 2, bad, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "omega of model 'synchrotron' is 1e200 in row 2",
+          symsde_model_get_by_path("synchrotron", 1, wrong, 2, huge, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nu of model 'driven_pendulum' is NaN in row 2",
+          symsde_model_get_by_path("driven_pendulum", 1, nu, 2, bad, &model, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "nu of model 'driven_pendulum' is no factor|same number for all paths",
+          symsde_model_get_by_path("driven_pendulum", 1, nu, 2, two, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter = 1, nrow = 0",
+          symsde_model_get_by_path("kubo", 1, a_key, 0, k, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter = 0, nrow = 2|symsde_model_get",
+          symsde_model_get_by_path("kubo", 0, NULL, 2, k, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter = -1",
+          symsde_model_get_by_path("kubo", -1, a_key, 2, k, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "values", symsde_model_get_by_path("kubo", 1, a_key, 2, NULL, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "keys", symsde_model_get_by_path("kubo", 1, NULL, 2, k, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "name", symsde_model_get_by_path(NULL, 1, a_key, 2, k, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "model", symsde_model_get_by_path("kubo", 1, a_key, 2, k, NULL, &error));
+   EXPECT(SYMSDE_TOO_LARGE, "values", symsde_model_get_by_path("kubo", 1, a_key, INT64_MAX, k, &model, &error));
+   CHECK(model == NULL);
+   symsde_scheme_delete(&scheme);
+}
+
 static void test_refusals(void) {
    double s = 0.3;
    symsde_model model = new_oscillator(gradient, &s), other = NULL, kubo = new_kubo();
@@ -145,11 +239,17 @@ static void test_noise_paths(void) {
 
 int main(void) {
    const char *schemes[] = {"midpoint", "stormer_verlet", "gauss2", "heun"};
+   const char *const pendulum[] = {"omega", "sigma1"}, *const oscillator[] = {"a", "sigma"};
    for (int i = 0; i < PATHS; i++)
       k[i] = 1 + 0.4 * sin(1.3 * i);
    for (int i = 0; i < 4; i++)
       test_paths(schemes[i]);
    test_points();
+   test_built_in("synchrotron", pendulum, "stormer_verlet", 0);
+   test_built_in("synchrotron", pendulum, "gauss2", 1);
+   test_built_in("synchrotron", pendulum, "gauss_dkdkd", 2);
+   test_built_in("kubo", oscillator, "midpoint", 0);
+   test_built_in_points_and_refusals();
    test_refusals();
    test_noise_paths();
    return close_report();

@@ -323,6 +323,7 @@ FUNCTIONS = {
     "model_names": _text,
     "model_parameters": (c_char_p, *_text, _error),
     "model_get": (c_char_p, c_int, POINTER(c_char_p), POINTER(c_double), _handle_out, _error),
+    "model_get_by_path": (c_char_p, c_int, POINTER(c_char_p), c_int64, POINTER(c_double), _handle_out, _error),
     "model_new": (
         c_char_p,
         POINTER(Traits),

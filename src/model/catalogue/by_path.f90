@@ -5,7 +5,9 @@
 !> have factors (views/weighed). Of the synchrotron H = p^2/2 - omega^2 cos q = p^2/2 - cos q + (omega^2 - 1) H_2, since
 !> H_2 = -cos q for sigma2 = 1. Parameters that enter in other ways must be the same for all paths.
 module symsde_model_catalogue_by_path
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: is_finite_lane
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument, wrong_shape
    use symsde_base_text, only: name_length, to_text
    use symsde_model_abstract, only: model_type
@@ -35,30 +37,33 @@ contains
       character(len=name_length), allocatable :: names(:)
       real(wp), allocatable :: one(:), factors(:, :), column(:)
       integer, allocatable :: kinds(:)
+      integer(i8) :: nrow
       integer :: i, k, onto
 
       if (allocated(error)) return
-      if (size(values, 1) < 1 .or. size(values, 2) /= size(keys)) then
-         call raise(error, wrong_shape, 'get_model_by_path', 'values have '//to_text(size(values, 1))//' rows and '// &
+      nrow = size(values, 1, i8)
+      if (nrow < 1 .or. size(values, 2) /= size(keys)) then
+         call raise(error, wrong_shape, 'get_model_by_path', 'values have '//to_text(nrow)//' rows and '// &
                     to_text(size(values, 2))//' columns for '//to_text(size(keys))//' names of parameters; give a '// &
                     'row for each path and a column for each name')
-         return
-      else if (.not. all(abs(values) <= huge(values))) then
-         call raise(error, invalid_argument, 'get_model_by_path', 'values hold a number that is not finite; give '// &
-                    'finite numbers')
          return
       end if
       call get_model(inner, name, keys, values(1, :), error)
       if (allocated(error)) return
+      call require_memory(nrow*(inner%traits%nnoise + 3.0_wp), 'a model with parameters by path', 'give fewer rows', &
+                          'get_model_by_path', error)
+      if (allocated(error)) return
       call tabulate(name, names, one)
       call find_kinds(name, kinds)
-      allocate (factors(size(values, 1), 0:inner%traits%nnoise + 1))
+      allocate (factors(nrow, 0:inner%traits%nnoise + 1))
       factors = 1
       factors(:, inner%traits%nnoise + 1) = 0
       onto = 0
-      allocate (column(size(values, 1)))
+      allocate (column(nrow))
       do k = 1, size(names)
          i = findloc(keys == names(k), .true., dim=1)
+         if (i > 0) call require_moderate(trim(names(k)), values(:, i), kinds(k) == of_cosine)
+         if (allocated(error)) return
          if (kinds(k) == same_for_all) then
             if (i == 0) cycle
             one(k) = values(1, i)
@@ -81,6 +86,24 @@ contains
       end select
 
    contains
+
+      !> Refuse a column of values (invalid_argument) with one that is not finite, or whose square is not.
+      subroutine require_moderate(key, x, square)
+         character(*), intent(in) :: key
+         real(wp), intent(in) :: x(:)
+         logical, intent(in) :: square
+         integer(i8) :: row
+
+         do row = 1, nrow
+            if (is_finite_lane(x(row))) then
+               if (.not. square) cycle
+               if (is_finite_lane(x(row)**2)) cycle
+            end if
+            call raise(error, invalid_argument, 'get_model_by_path', 'parameter '//key//' of model '''//trim(name)// &
+                       ''' is '//to_text(x(row))//' in row '//to_text(row)//'; give finite numbers of moderate size')
+            return
+         end do
+      end subroutine require_moderate
 
       !> Write factors of a kind.
       subroutine put(kind, x)

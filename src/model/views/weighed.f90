@@ -33,13 +33,13 @@ module symsde_model_views_weighed
 
 contains
 
-   !> A model with these factors (npath or 1, 0:m+1). The inner model, which is closed, is moved into it. Bounds of
-   !> frequencies and of noises, which belong to one path, are not declared, and neither is a stiff linear part where H
-   !> has factors.
+   !> A model with these factors (npath or 1, 0:m+1). They and the inner model, which is closed, are moved into it.
+   !> Bounds of frequencies and of noises, which belong to one path, are not declared, and neither is a stiff linear
+   !> part where H has factors.
    subroutine new_weighed(self, inner, factors, onto, keeps_drift)
       type(weighed_model), intent(out) :: self
       class(model_type), allocatable, intent(inout) :: inner
-      real(wp), intent(in) :: factors(:, 0:)
+      real(wp), allocatable, intent(inout) :: factors(:, :)
       integer, intent(in) :: onto             !! noise whose Hamiltonian is a part of H, too; 0 = none
       logical, intent(in) :: keeps_drift      !! whether H is that of the inner model on all paths
 
@@ -58,7 +58,7 @@ contains
          end if
       end if
       self%onto = onto
-      allocate (self%own(size(factors, 1), 0:size(factors, 2) - 1), source=factors)
+      call move_alloc(factors, self%own)
       call move_alloc(inner, self%inner)
    end subroutine new_weighed
 
