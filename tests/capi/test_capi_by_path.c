@@ -221,6 +221,59 @@ static void test_refusals(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* neighbours that share a row have the bits of the run whose table repeats the rows, and of each path alone with its row */
+static void test_row_paths(symsde_model model, int built_in, int each, int lanes) {
+   static double repeated[PATHS];
+   const char *const key[] = {"a"};
+   const int nrow = PATHS / each;
+   symsde_options options = some_options();
+
+   for (int i = 0; i < PATHS; i++)
+      repeated[i] = k[i / each];
+   options.first_path = 512;
+   options.lanes = lanes;
+   for (int i = -2; i < PATHS; i += i < 0 ? 1 : 41) { /* shared rows, repeated rows, and then some paths alone */
+      const int count = i == -2 ? nrow : i == -1 ? PATHS : 1;
+      const double *values = i == -2 ? k : i == -1 ? repeated : k + i / each;
+      if (built_in)
+         OK(symsde_model_get_by_path("kubo", 1, key, count, values, &model, &error));
+      else
+         OK(symsde_model_set_parameters(model, 1, count, values, &error));
+      options.row_paths = i == -2 ? each : 1;
+      options.paths = i < 0 ? PATHS : 1;
+      options.first_path = 512 + (i < 0 ? 0 : i);
+      run(model, "midpoint", &options, i == -2 ? &a : &b);
+      if (built_in)
+         symsde_model_delete(&model);
+      for (int n = 0; n < NTIME && i == -1; n++)
+         for (int j = 0; j < PATHS; j++)
+            CHECK(a.q[n * PATHS + j] == b.q[n * PATHS + j] && a.p[n * PATHS + j] == b.p[n * PATHS + j]);
+      for (int n = 0; n < NTIME && i >= 0; n++)
+         CHECK(a.q[n * PATHS + i] == b.q[n] && a.p[n * PATHS + i] == b.p[n]);
+   }
+}
+
+static void test_wrong_row_paths(symsde_model model) {
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+
+   OK(symsde_model_set_parameters(model, 1, 42, k, &error)); /* 42 rows of 7 paths each: 294 paths, not 300 */
+   options.row_paths = 7;
+   EXPECT(SYMSDE_WRONG_SHAPE, "parameters for 294 paths|run has 300",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   options.row_paths = 0;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "row_paths = 0", symsde_options_check(&options, &error));
+   OK(symsde_model_set_parameters(model, 1, 1, k, &error)); /* one row is for all paths, whatever they share */
+   options.row_paths = 1;
+   run(model, "midpoint", &options, &b);
+   options.row_paths = 7;
+   run(model, "midpoint", &options, &a);
+   CHECK(memcmp(a.q, b.q, NTIME * PATHS * sizeof *a.q) == 0);
+   symsde_scheme_delete(&scheme);
+}
+
 /* groups of paths have the noise of the first group: the same model, so the same bits */
 static void test_noise_paths(void) {
    symsde_model model = new_kubo();
@@ -252,5 +305,12 @@ int main(void) {
    test_built_in_points_and_refusals();
    test_refusals();
    test_noise_paths();
+   double s = 0.3;
+   symsde_model model = new_oscillator(gradient, &s);
+   test_row_paths(model, 0, 5, 0);
+   test_row_paths(model, 0, 100, 8);
+   test_row_paths(NULL, 1, 3, 0);
+   test_wrong_row_paths(model);
+   symsde_model_delete(&model);
    return close_report();
 }
