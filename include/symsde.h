@@ -217,8 +217,9 @@ int symsde_model_accept_null(symsde_model model, symsde_error *error);
  * nothing else. Steps that differ from the library's are refused. midpoint, symplectic_euler and stormer_verlet also
  * stand for equal schemes of other names */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
-/* declares that the bits of a lane do not depend on nlane. From now on the functions get no lanes that only pad a block,
- * and a single path is faster. This holds for loops without contraction (fused multiply-add) that call the C library */
+/* declares that the bits of a lane do not depend on nlane. From now on the functions get no lanes that only pad a block
+ * where these would be half of it or more, and a single path is faster. This holds for loops without contraction (fused
+ * multiply-add) that call the C library */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
 /* declares that a program derived the functions from formulas, that they write all outputs, and that neither they nor the
  * data behind user change. The model is then tested before a run only if state or time (flows: or step) enters a new power

@@ -50,8 +50,8 @@ contains
    pure subroutine require_real_lanes(nlane, nreal)
       integer, intent(in) :: nlane, nreal
 
-      call require(nreal >= 1 .and. nreal < nlane, 'model, real lanes', &
-                   'one lane at least is real, and padding follows')
+      call require(nreal >= 1 .and. nreal <= nlane/2, 'model, real lanes', &
+                   'one lane at least is real, and half of the lanes at most')
    end subroutine require_real_lanes
 
 end module symsde_model_contract

@@ -72,8 +72,9 @@ class Model(OpenSystem):
     gradient, all that takes derivatives of H is refused, and traits are not declared.
 
     ``any_lanes`` says that the results of a lane have the same bits for any number of lanes. The functions are then
-    called with the paths alone, without lanes that fill a vector (whole steps: with a single path). This makes one path
-    eight times as fast. numba functions are checked automatically (no fastmath, no SVML); for others, declare it.
+    called with the paths alone where lanes that fill a vector would be half of all lanes or more (whole steps: with a
+    single path). This makes one path up to eight times as fast. numba functions are checked automatically (no fastmath,
+    no SVML); for others, declare it.
 
     ``split`` is a matrix S of second derivatives, (2 dof, 2 dof), by q and then by p. It says H = z.S z/2 + V(q) with
     z = (q, p), and any coupling of q and p. Then ``gauss_dkdkd``, ``verlet_kdk``, ``chin4a`` and their _strong2 take

@@ -14,8 +14,7 @@ module symsde_ensemble_block_runner_factory
    use symsde_ensemble_block_runner, only: block_runner, new_block_runner
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_kernels, only: kernel_offers, offers_of
-   use symsde_model_views_real_lanes, only: real_lanes_model, new_real_lanes
+   use symsde_model_views_real_lanes, only: real_lanes_model, new_real_lanes, fits_real_lanes
    use symsde_scheme_scheme, only: frame_none
    use symsde_ensemble_block_single_path, only: new_single_path
    use symsde_step_factory, only: make_stepper
@@ -89,16 +88,13 @@ contains
       logical, intent(in) :: has_padding
       type(real_lanes_model), pointer, intent(out) :: view  !! a view to be owned by the runner, or null
       class(model_type), pointer, intent(out) :: seen
-      type(kernel_offers) :: offers
 
       ! The model itself, unless a view is needed.
       nullify (view)
       seen => model
       ! Without padding the view has nothing to hide.
       if (.not. has_padding) return
-      ! The view is for a user's functions that accept any number of lanes; others are called with padding.
-      offers = offers_of(model)
-      if (.not. model%traits%any_lanes .or. offers%rows) return  ! rows come in strips of a fixed width
+      if (.not. fits_real_lanes(model)) return
       allocate (view)
       call new_real_lanes(view, model)
       seen => view

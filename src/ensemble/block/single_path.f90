@@ -3,8 +3,10 @@
 !> the stepper, which knows up to how many paths it beats a block. So the stepper is made first and then asked.
 module symsde_ensemble_block_single_path
    use symsde_base_kinds, only: i8
+   use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
+   use symsde_model_views_real_lanes, only: fits_real_lanes
    use symsde_step_factory, only: make_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -20,12 +22,16 @@ contains
       class(model_type), intent(in), target :: model   !! the task's model, or a view of it
       integer(i8), intent(in) :: npath
       type(error_type), allocatable, intent(inout) :: error
+      integer :: most
 
       call make_stepper(stepper, task, model, 1, error)
       if (allocated(error)) return
       ! The only lane is a real path.
       stepper%ham%nreal = 1
-      if (npath > stepper%most_single) deallocate (stepper)
+      most = stepper%most_single
+      ! A user's function over lanes takes whole blocks from half a vector on. One or two freedoms have kernels.
+      if (fits_real_lanes(model) .and. model%traits%ndof > 2) most = min(most, lane_unit/2)
+      if (npath > most) deallocate (stepper)
    end subroutine new_single_path
 
 end module symsde_ensemble_block_single_path
