@@ -20,6 +20,7 @@ module symsde_noise_prescribed
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
+   use symsde_base_vectors, only: copy
    use symsde_noise_contract, only: require_request, require_filled
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, decay_values, &
                                        merge_intervals, clip_increments, clip_interval
@@ -221,33 +222,43 @@ contains
       integer(i8), intent(in) :: path(nlane), row  !! padding repeats the last
       integer, intent(in) :: lead                  !! columns before those that are written
       real(wp), intent(inout) :: dw(nlane, 1 - lead:n, nrow)
-      integer(i8) :: place(nlane), from
+      integer(i8) :: place(nlane)
       logical :: neighbours
-      integer :: i, k, lane
+      real(wp), pointer, contiguous :: given(:, :, :)
 
       ! A single path in the array serves all lanes.
       place = merge(1_i8, path - self%first_path + 1, size(self%dw, 1) == 1)
       ! The real paths of a block are usually neighbours.
       neighbours = all(place(2:) - place(:nlane - 1) == 1)
+      given => self%dw  ! contiguous, which gfortran 12 does not recognise for a component
+      call copy_rows(nlane, place, neighbours, size(given, 1, i8), size(given, 2), column, n, nrow, lead, &
+                     given(:, :, row:row + nrow - 1), dw)
+   end subroutine take_rows
+
+   !> take_rows of these rows, from an array of npath paths whose extents are known.
+   pure subroutine copy_rows(nlane, place, neighbours, npath, ncolumn, column, n, nrow, lead, given, dw)
+      integer, intent(in) :: nlane, ncolumn, column, n, nrow, lead
+      integer(i8), intent(in) :: place(nlane), npath
+      logical, intent(in) :: neighbours
+      real(wp), intent(in) :: given(npath, ncolumn, nrow)
+      real(wp), intent(inout) :: dw(nlane, 1 - lead:n, nrow)
+      integer :: i, k, lane
+
       do i = 1, nrow
-         from = row + i - 1
-         ! A single path is read number by number.
-         if (size(self%dw, 1) == 1 .and. nlane == 1) then
-            do k = 1, n
-               dw(1, k, i) = self%dw(1, column + k - 1, from)
-            end do
+         if (npath == 1 .and. nlane == 1) then  ! the numbers of a row are adjacent
+            call copy(n, given(1, column, i), dw(1, 1, i))
          else if (neighbours) then
             do k = 1, n
-               dw(:, k, i) = self%dw(place(1):place(nlane), column + k - 1, from)
+               call copy(nlane, given(place(1), column + k - 1, i), dw(1, k, i))
             end do
          else
             do k = 1, n
                do lane = 1, nlane
-                  dw(lane, k, i) = self%dw(place(lane), column + k - 1, from)
+                  dw(lane, k, i) = given(place(lane), column + k - 1, i)
                end do
             end do
          end if
       end do
-   end subroutine take_rows
+   end subroutine copy_rows
 
 end module symsde_noise_prescribed
