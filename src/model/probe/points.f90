@@ -21,7 +21,7 @@ module symsde_model_probe_points
    implicit none
    private
    public :: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, generic, worst, largest_entry, &
-             largest_component
+             largest_component, too_far
 
    ! Three points distinguish a constant from a function that takes the same value twice by accident.
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
