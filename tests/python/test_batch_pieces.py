@@ -187,11 +187,11 @@ def test_who_computes_a_piece_says_nothing_of_failed_paths(kind):
 
 
 def test_the_line_that_goes_on_trusts_what_the_first_one_did(tmp_path, capsys):
-    given = {"paths": "4000", "steps": None, "grow": False}
+    given = {"paths": "4000", "steps": None, "grow": False, "keep_last": True}
     options = SimpleNamespace(scene="a b.toml", shard="1/2", allow_python=True, error_check=False, **given)
     folder = SimpleNamespace(pieces=[1, 2], path=tmp_path)
     assert run_command._stopped(SimpleNamespace(reason="SIGTERM"), options, folder, [1], None) == 4
-    asked = f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --paths 4000 --allow-python`"
+    asked = f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --paths 4000 --allow-python --keep-last`"
     assert asked in capsys.readouterr().err
 
 

@@ -45,8 +45,8 @@ def folder(tmp_path, monkeypatch):
 def counted(monkeypatch):
     """Path-steps that shards of each kind take from now on."""
     taken = {"moments": 0, "simulate": 0}
-    for name in taken:
-        function = getattr(execute, name)
+    for name, where in (("moments", "moments_of"), ("simulate", "simulate")):
+        function = getattr(execute, where)
 
         def call(*args, function=function, name=name, **options):
             found = function(*args, **options)
@@ -54,7 +54,7 @@ def counted(monkeypatch):
                 taken[name] += found.report.counters["path_steps"]
             return found
 
-        monkeypatch.setattr(execute, name, call)
+        monkeypatch.setattr(execute, where, call)
     return taken
 
 
@@ -155,6 +155,18 @@ def test_new_observers_and_saves(folder, counted, capfd, given, simulated):
     assert counted == {"moments": 1024 * 20, "simulate": simulated}
     require_whole(folder, **given)
     assert counted["moments"] == 2 * 1024 * 20
+
+
+@pytest.mark.parametrize(
+    "given", [{"more": HISTOGRAM}, {"every": 5}, {"steps": 30}], ids=["observer", "saves", "steps"]
+)
+def test_sizes_ask_for_sizes_alone(folder, capfd, given):
+    """More paths on the command line let a folder grow by these, and by nothing else that the scene has changed."""
+    write(**given)
+    assert go("--paths", "1280") == command_line.BAD_INPUT
+    assert "or give --grow, which adds what is more: moments of all paths are computed anew" in capfd.readouterr().err
+    assert go("--paths", "1280", "--grow") == 0
+    require_whole(folder, paths=1280, **given)
 
 
 def test_refusals(folder, capfd):

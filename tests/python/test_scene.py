@@ -140,7 +140,7 @@ def test_every_key_of_a_run_reaches_it(file):
 )
 def test_only_what_is_wanted_is_computed(output, written, file, tmp_path, monkeypatch):
     pytest.importorskip("netCDF4")
-    for name, wanted in (("moments", "moments.csv"), ("simulate", "run.nc")):
+    for name, wanted in (("moments_of", "moments.csv"), ("simulate", "run.nc")):
         if wanted not in written:
             monkeypatch.setattr(execute, name, lambda *_, **__: pytest.fail("not wanted"))
     path = file(text=SCENE.partition("[output]")[0] + output)
@@ -266,9 +266,9 @@ def test_whatever_a_scene_holds_there_is_a_sentence(file, capsys):
     exception.
     """
     keys = [line.split(" =")[0] for line in SCENE.splitlines() if " = " in line]
-    more = [("[run]", key) for key in scene.RUN_KEYS if key not in keys] + [
-        ("[study]", key) for key in scene.STUDY_KEYS
-    ]
+    more = [("[run]", key) for key in scene.RUN_KEYS if key not in keys]
+    more += [("[output]", key) for key in scene.OUTPUT_KEYS if key not in keys]
+    more += [("[study]", key) for key in scene.STUDY_KEYS]
     cases = [(None, key, value) for key in keys for value in HOSTILE]
     cases += [(table, key, value) for table, key in more for value in HOSTILE]
     refused = 0
@@ -401,7 +401,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, 
         pytest.fail("the work began")
 
     monkeypatch.chdir(file().parent)
-    for module, name in ((execute, "moments"), (study, "measure")):
+    for module, name in ((execute, "moments_of"), (study, "measure")):
         monkeypatch.setattr(module, name, begin)
     monkeypatch.setattr(stability, "SCENARIOS", (begin,))
     monkeypatch.setattr(paper.kubo, "run", begin)

@@ -16,6 +16,7 @@ ranks            the pieces of one rank of MPI
 claims           which process works on which piece
 dispatch         pieces computed by threads or an executor
 execute          one piece, computed
+longer           moments of more steps from kept last states
 stop             when to end: a signal, or the time that was given
 run_progress     progress of all pieces together
 dry              steps, files, memory and time of a run before it begins

@@ -83,8 +83,13 @@ def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Pat
         workers=workers,
         memory=_BASE
         + 8.0 * (numbers * levels + 4 * workers * between * each)
+        + 3.0 * workers * _last(task) * max((piece.paths for piece in of_moments), default=0)
         + 16.0 * saved * ndof * (2 * paths + 3 * workers * largest),
-        disk=_FILES + len(pieces) * _FILE + 8.0 * numbers * (len(of_moments) + 8) + 32.0 * saved * ndof * paths,
+        disk=_FILES
+        + len(pieces) * _FILE
+        + 8.0 * numbers * (len(of_moments) + 8)
+        + 32.0 * saved * ndof * paths
+        + _last(task) * sum(piece.paths for piece in of_moments),
         seconds=steps / (_rate(task, pieces[0]) * workers * (threads or 1)) if steps else 0.0,
         free=math.inf if out is None else _free(out.absolute()),
     )
@@ -94,6 +99,11 @@ def _observed(task: Task) -> int:
     """Numbers that observers keep for a piece."""
     rooms = task.moments().kept.values()
     return sum(room.counts.size + room.sums.size for room in rooms)
+
+
+def _last(task: Task) -> int:
+    """Bytes of the last state and the status of a path, if shards of moments hold them."""
+    return (4 + 16 * task.model.ndof * (2 if task.options.get("compensated") else 1)) if task.keep_last else 0
 
 
 def _rate(task: Task, piece: Piece) -> float:

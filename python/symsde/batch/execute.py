@@ -15,14 +15,15 @@ import numpy as np
 
 from ..model.definition import Model
 from ..native import checks
-from ..run.groups import Groups
-from ..run.moments import Moments, moments
+from ..run.groups import MEANS, Groups
+from ..run.moments import Moments, moments_of
 from ..run.observers import requests
 from ..run.observers.observables import Observable
 from ..run.observers.partial_statistics import PartialStatistics
 from ..run.report import Report
 from ..run.setup import make_setup
 from ..run.simulate import Run, simulate
+from . import longer
 from .pieces import Piece
 from .shard_file import Shard
 
@@ -44,6 +45,7 @@ class Task:
     observables: dict[str, Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)
     groups: Groups | None = None  #: groups of all paths
+    keep_last: bool = False  #: whether shards of moments hold last states
 
     def moments(self) -> Moments:
         """Moments of all paths, not filled."""
@@ -104,19 +106,46 @@ def compute(
 
 def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
     if piece.kind == "moments":
-        return _moments(task, piece, threads, tell)
+        return _moments(task, piece, threads, tell, checkpoint)
     return _paths(task, piece, threads, tell, checkpoint)
 
 
-def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
+def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
+    """The shard of moments: from kept last states of a shorter run if there are any, else from the start."""
+    options = task.of(piece, threads)
+    before = checkpoint.read() if checkpoint and task.keep_last else None
+    if before is not None and longer.begins(options, task.observers, before):
+        found = _longer(task, piece, options, tell, before)
+        if found is not None:
+            return found
+    return _moments_over(task, piece, options, tell)
+
+
+def _longer(task: Task, piece: Piece, options: dict[str, Any], tell: Tell, before: Shard) -> Shard | None:
+    """The shard of moments from the end of a shorter run; None if it must be computed anew."""
+    taken = before.facts[longer.STEP] * piece.paths
+    here = longer.options_from(options, before)
+    later = _moments_over(task, piece, here, lambda done, _: tell(taken + done, piece.work))
+    setup = make_setup(task.model_of(piece), **options)
+    if not longer.fits(before, later) or longer.may_have_grown(setup, before, later):
+        return None
+    whole = _moments_over(task, piece, options, lambda *_: True)  # what is known before the first step
+    kinds, groups = {name: x.KIND for name, x in task.observers.items()}, task.groups_of(piece)
+    if groups is None:
+        return longer.joined(before, later, whole.facts, kinds, 1)
+    return longer.joined(before, later, whole.facts, {**kinds, MEANS: requests.Means.KIND}, len(groups.numbers))
+
+
+def _moments_over(task: Task, piece: Piece, options: dict[str, Any], tell: Tell) -> Shard:
     shown = {"observables": task.observables or None, "observers": task.observers, "groups": task.groups_of(piece)}
-    found: Moments = moments(task.model_of(piece), progress=tell, **shown, **task.of(piece, threads))
+    found: Moments = moments_of(task.model_of(piece), progress=tell, keep_last=task.keep_last, **shown, **options)
     arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
     arrays["mean"] = found.to_arrays()[0]
     facts = facts_of(found.report)
     if found.report.stopped:
         facts["stopped"] = found.report.stopped
-    return Shard({**arrays, **kept_arrays(found.kept)}, facts)
+    last = {} if found.paths_kept is None else {"status": found.paths_kept.status, **found.paths_kept.states()}
+    return Shard({**arrays, **kept_arrays(found.kept), **last}, facts)
 
 
 def kept_arrays(parts: dict[str, PartialStatistics]) -> dict[str, np.ndarray]:

@@ -175,15 +175,17 @@ class RunFolder:
         return True
 
     def start_of(self, piece: Piece, state: Shard) -> Shard | None:
-        """The state of saved paths that a checkpoint or an earlier shard holds; None if they cannot go on from it."""
+        """The state that a checkpoint or an earlier shard holds, its step among the facts; None if the paths cannot go
+        on from it."""
         if not self._is_of(state, piece):
             return None
         if state.facts["run"] == self._hash:
             return state
         before = self._before[state.facts["run"]]
-        if piece.kind != "paths" or not before["paths"]:
+        if not before[piece.kind]:
             return None
-        return Shard(state.arrays, {"step": state.facts.get("step", before["steps"])})
+        told = {"step": state.facts.get("step", before["steps"])}
+        return Shard(state.arrays, told if piece.kind == "paths" else {**state.facts, **told})
 
     def _outgrown_path(self, piece: Piece) -> Path:
         return self.path / "shards" / f"{piece.name}.outgrown"

@@ -3,7 +3,8 @@
 
 The manifest of a folder that has grown lists the runs that it grew from, by the hash in the stamps of their shards,
 with what these are good for. Shards of moments stay good if there are more paths, those of saved paths also if there
-are more steps, which begin at their last states. Nothing is removed before its successor is written.
+are more steps, which begin at their last states, as do moments whose shards hold last states (`longer`). Nothing is
+removed before its successor is written.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from typing import Any
 
 from ..errors import SceneError, SymsdeError
 from ..native.checks import counted
-from . import manifest
+from . import longer, manifest
 from .pieces import Piece
 from .scene import Scene
 
 KEY = "grown_from"  #: entry of manifests
 _OBSERVING = ("inputs.observables.", "inputs.observe", "inputs.computed.functions.")
+_KEEPS = "inputs.output.keep_last"
 _CUTS = ("inputs.output.",)  #: which paths are saved: shards tell by themselves which paths they hold
 
 
@@ -36,10 +38,19 @@ def came_from(record: Mapping[str, Any], there: Mapping[str, Any]) -> bool:
     return any(x["run"] == stamp_of(there) for x in record.get(KEY, ()))
 
 
-def record_of(there: dict[str, Any] | None, scene: Scene, size: int, folder: Path, *, asked: bool) -> dict[str, Any]:
+def record_of(
+    there: dict[str, Any] | None,
+    scene: Scene,
+    size: int,
+    folder: Path,
+    *,
+    asked: bool,
+    more: Mapping[str, int] | None = None,
+) -> dict[str, Any]:
     """The manifest of a scene in a folder: new, the same, or grown from the folder's; any other is refused.
 
-    asked: whether the user asked for growth.
+    asked: whether the user lets the folder grow to all that the scene asks for; more: the numbers of paths and steps
+    that the user gave beside the scene, to which it grows in any case.
     """
     here = manifest.of_scene(scene, size)
     if there is None or not manifest.differences(there, here):
@@ -56,11 +67,11 @@ def record_of(there: dict[str, Any] | None, scene: Scene, size: int, folder: Pat
                 f"{folder} holds {old[key]} {key}, and a run of {new[key]} is asked for: a folder grows, and never "
                 f"shrinks: give --{key} {old[key]} or more, or another folder with --out"
             )
-    if not asked:
+    if not (asked or _is_said(found, old, new, more or {})):
         try:
             manifest.require_same(there, here, folder)
         except SceneError as error:
-            anew = ", ".join(_anew(found, old, new))
+            anew = ", ".join(_anew(found, there, here))
             raise SceneError(f"{error}; or give --grow, which adds what is more: {anew}") from None
     stays = {
         "moments": not any(key.startswith(_OBSERVING) for key in found),
@@ -83,20 +94,43 @@ def _beside(there: Mapping[str, Any], scene: Scene, size: int, old: Mapping[str,
     return manifest.keys_of_differences(there, same)
 
 
+def _is_said(found: Sequence[str], old: Mapping[str, Any], new: Mapping[str, Any], more: Mapping[str, int]) -> bool:
+    """Whether a folder grows by nothing else than the numbers that the user gave, and by the paths that are saved of
+    them; or keeps last states from now on, which computes nothing anew."""
+    sizes = [key for key in ("paths", "steps") if old[key] != new[key]]
+    if _saves(old) != _saves(new) or not all(key in more for key in sizes):
+        return False
+    return all(key == _KEEPS or (more and key.startswith(_CUTS)) for key in found)
+
+
 def _saves(run: Mapping[str, Any]) -> tuple:
     """Which times of a run are saved."""
     return run["save_every"], run.get("save_at")
 
 
-def _anew(found: Sequence[str], old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+def _joins(record: Mapping[str, Any]) -> bool:
+    """Whether the moments of a run go on from their last states."""
+    inputs = record["inputs"]
+    kinds = [table.get("kind", "") for table in inputs.get("observe", ())]
+    return manifest.keeps_last(record) and "save_at" not in inputs["run"] and longer.join(kinds)
+
+
+def _anew(found: Sequence[str], there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     """What is kept, and what is computed anew, in words."""
-    observes = any(key.startswith(_OBSERVING) for key in found)
+    old, new = there["inputs"]["run"], here["inputs"]["run"]
+    anew = _saves(old) != _saves(new)
+    observes, longer_now = any(key.startswith(_OBSERVING) for key in found), old["steps"] != new["steps"]
+    has_moments, has_paths = (here["inputs"]["output"][kind] for kind in ("moments", "paths"))
     told = []
-    if observes or _saves(old) != _saves(new) or old["steps"] != new["steps"]:
+    if has_moments and (observes or anew or (longer_now and not _joins(there))):
         told.append("moments of all paths are computed anew")
-    if _saves(old) != _saves(new):
+    elif has_moments and longer_now:
+        told.append("moments go on from the last states of their shards, those with failed paths are computed anew")
+    elif has_moments and manifest.keeps_last(here) and not manifest.keeps_last(there):
+        told.append("shards of moments that are there are kept as they are, without last states")
+    if has_paths and anew:
         told.append("saved paths are computed anew")
-    elif old["steps"] != new["steps"]:
+    elif has_paths and longer_now:
         told.append("saved paths go on from their last states")
     if old["paths"] != new["paths"] and not told:
         told.append("shards of the paths that are there are kept")
@@ -109,8 +143,8 @@ def sentence(there: Mapping[str, Any], record: Mapping[str, Any], pieces: Sequen
     found = manifest.keys_of_differences(there, record)
     sizes = [f"from {old[key]} to {counted(new[key], key[:-1])}" for key in ("paths", "steps") if old[key] != new[key]]
     work = sum(piece.work for piece in missing)
+    kept = f"{len(pieces) - len(missing)} of {counted(len(pieces), 'shard')}"
     return (
         f"the run in the folder grows {' and '.join(sizes) or 'by what it observes and saves'}: "
-        f"{', '.join(_anew(found, old, new))}; {len(pieces) - len(missing)} of {counted(len(pieces), 'shard')} are "
-        f"there, the others take {work:.3g} path-steps at most"
+        f"{', '.join(_anew(found, there, record))}; {kept} are there, the others take {work:.3g} path-steps at most"
     )

@@ -34,6 +34,8 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     if run["save_at"] is None:
         del run["save_at"]  # folders of older versions lack it
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
+    if scene.keep_last:  # folders of older versions lack it
+        output["keep_last"] = True
     if scene.groups is not None:
         output["groups"] = list(scene.groups.grid.values)
     observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
@@ -167,6 +169,11 @@ def sizes(record: dict[str, Any]) -> dict[str, int]:
     """Paths and steps of a run, which its folder may have beyond those of its scene."""
     run = record["inputs"]["run"]
     return {key: run[key] for key in ("paths", "steps") if key in run}
+
+
+def keeps_last(record: dict[str, Any] | None) -> bool:
+    """Whether shards of moments of a run hold last states."""
+    return bool(record and record["inputs"].get("output", {}).get("keep_last"))
 
 
 def require_run(there: dict[str, Any], folder: Path) -> None:

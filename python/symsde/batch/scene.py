@@ -30,7 +30,7 @@ from . import by_path, named_functions
 _NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
 RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in _NOT_IN_SCENES]
 _REQUIRED = ("step", "steps", "q0", "p0")
-OUTPUT_KEYS = ["moments", "paths"]
+OUTPUT_KEYS = ["moments", "paths", "keep_last"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
 EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
 
@@ -55,6 +55,7 @@ class Scene:
     observables: dict[str, observables.Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: observers beside moments, by name
     groups: Groups | None = None  #: paths with the same values of parameters that go by path
+    keep_last: bool = False  #: whether shards of moments hold last states, from which more steps go on
 
     @property
     def unsaid(self) -> str:
@@ -82,8 +83,9 @@ def saved_times(run: Mapping[str, Any]) -> int:
     return int(run["steps"]) // int(run.get("save_every", 1)) + 1
 
 
-def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scene:
-    """Read and check a scene, with keys of [run] in the place of its own; SceneError names the file and the key."""
+def load(path: str | os.PathLike, more: Mapping[str, int] | None = None, *, keep_last: bool = False) -> Scene:
+    """Read and check a scene, with keys of [run] in the place of its own; SceneError names the file and the key.
+    keep_last: as if [output] said so."""
     file = str(path)
     text, tables = _read(file)
     _known(file, "table", tables, ["model", "run", "output", "observables", "observe", "study", "expect"])
@@ -100,9 +102,12 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
             raise SceneError(f"{file}: [run] lacks {key}: give step, steps, q0 and p0, or initial for both")
     output = dict(tables.get("output", {}))
     _known(file, "key of [output]", output, OUTPUT_KEYS)
-    wants_moments = output.get("moments", True)
-    if not isinstance(wants_moments, bool):
-        raise SceneError(f"{file}: [output] moments = {wants_moments!r}: give true or false")
+    wants_moments, keeps = _flag(file, output, "moments", True), _flag(file, output, "keep_last", False) or keep_last
+    if keeps and not wants_moments:
+        raise SceneError(
+            f"{file}: keep_last keeps the last states of moments, and [output] has moments = false; saved paths go on "
+            "from their last states without it: leave out one of the two"
+        )
     study = dict(tables.get("study", {}))
     _known(file, "key of [study]", study, STUDY_KEYS)
     expect = dict(tables.get("expect", {}))
@@ -114,7 +119,7 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
     except SymsdeError as error:
         raise SceneError(f"{file}: [model]: {error}") from error
     scene = Scene(file, model, run, wants_moments, [], study, expect, tables)
-    scene.text, scene.groups = text, groups
+    scene.text, scene.groups, scene.keep_last = text, groups, keeps
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     scene.observables = _observables(file, scene)
@@ -125,6 +130,14 @@ def load(path: str | os.PathLike, more: Mapping[str, int] | None = None) -> Scen
     except SymsdeError as error:
         raise SceneError(f"{file}: [output] paths: {error}") from error
     return scene
+
+
+def _flag(file: str, output: dict[str, Any], key: str, default: bool) -> bool:
+    """A key of [output] that is true or false."""
+    found = output.get(key, default)
+    if not isinstance(found, bool):
+        raise SceneError(f"{file}: [output] {key} = {found!r}: give true or false")
+    return found
 
 
 def _with_laws(file: str, run: dict[str, Any]) -> dict[str, Any]:

@@ -25,19 +25,28 @@ class Batch:
     out: str
 
     @classmethod
-    def of(cls, file: str, out: str, wanted: str | None = None, more: Mapping[str, int] | None = None) -> Batch:
+    def of(
+        cls,
+        file: str,
+        out: str,
+        wanted: str | None = None,
+        more: Mapping[str, int] | None = None,
+        *,
+        keep_last: bool = False,
+    ) -> Batch:
         """Make a batch from a scene, its folder, and the wanted number of paths of a shard; in an existing folder this
-        number is fixed already. more: keys of [run] in the place of the scene's.
+        number is fixed already. more: keys of [run] in the place of the scene's. keep_last: as in [output]; a folder
+        whose shards hold last states goes on with that.
         """
-        chosen = scene.load(file, more)
-        extent = extent_of(chosen)
         there = manifest.read(files.path_of("the folder of the results", out))
+        chosen = scene.load(file, more, keep_last=keep_last or manifest.keeps_last(there))
+        extent = extent_of(chosen)
         if there and wanted is None:
             size = there["shard_paths"]
         else:
             size = shard_paths(extent, int(wanted) if wanted and re.fullmatch(r"-?\d{1,30}", wanted) else wanted)
         pieces = _plan(chosen, size)
-        task = Task(chosen.model, chosen.run, chosen.observables, chosen.observers, chosen.groups)
+        task = Task(chosen.model, chosen.run, chosen.observables, chosen.observers, chosen.groups, chosen.keep_last)
         return cls(chosen, task, size, pieces, out)
 
     def of_kind(self, kind: str) -> list[Piece]:

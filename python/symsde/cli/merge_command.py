@@ -33,7 +33,9 @@ def run(options: argparse.Namespace) -> int:
         folders = [Path(name) for name in options.folders]
         record = _common(folders)
         sizes = manifest.sizes(record)
-        batch = Batch.of(str(folders[0] / "scene.toml"), options.out, str(record["shard_paths"]), sizes)
+        keeps = manifest.keeps_last(record)
+        scene = str(folders[0] / "scene.toml")
+        batch = Batch.of(scene, options.out, str(record["shard_paths"]), sizes, keep_last=keeps)
         manifest.require_same(record, manifest.of_scene(batch.scene, batch.size), folders[0])
         sources = [RunFolder(folder, record, batch.pieces) for folder in folders]
         with RunFolder.open_to_write(options.out, record, batch.pieces, batch.scene) as whole:

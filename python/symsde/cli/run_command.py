@@ -50,6 +50,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--grow", action="store_true", help="let the run in the folder grow to what the scene asks for beyond it"
     )
+    keeps = "keep the last states of all paths in shards of moments, so that more --steps go on from there"
+    parser.add_argument("--keep-last", action="store_true", help=keeps)
     limits = "stop cleanly before this time is over: 90s, 30min, 23.5h, 23:30:00 or 1-12 (days-hours)"
     parser.add_argument("--max-walltime", metavar="TIME", help=limits)
     parser.add_argument("--checkpoint", metavar="TIME", help="time between saved states of long paths (default: 10 s)")
@@ -70,10 +72,11 @@ def run(options: argparse.Namespace) -> int:
     if options.out == "":
         raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
     more = {key: _count(key, x) for key in ("paths", "steps") if (x := getattr(options, key)) is not None}
-    batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths, more)
+    out = options.out or Path(options.scene).stem
+    batch = Batch.of(options.scene, out, options.shard_paths, more, keep_last=options.keep_last)
     folder = Path(batch.out)
     there = manifest.read(folder)
-    record = growth.record_of(there, batch.scene, batch.size, folder, asked=options.grow or bool(more))
+    record = growth.record_of(there, batch.scene, batch.size, folder, asked=options.grow, more=more)
     if options.dry_run:
         print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, folder))
         if options.error_check:
@@ -208,7 +211,9 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
         if getattr(options, key) is not None:
             again += [f"--{key}", getattr(options, key)]
     again += [
-        f"--{name}" for name in ("allow-python", "error-check", "grow") if getattr(options, name.replace("-", "_"))
+        f"--{name}"
+        for name in ("allow-python", "error-check", "grow", "keep-last")
+        if getattr(options, name.replace("-", "_"))
     ]
     print(
         f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "

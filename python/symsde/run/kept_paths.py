@@ -30,6 +30,8 @@ class KeptPaths:
         if saved:
             checks.room((2, setup.ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
             self.q, self.p = (np.empty((setup.ntime, ndof, paths)) for _ in "qp")
+        if last:
+            checks.room((2, ndof, paths), "the last states (q and p; dof, path)")
         for name in LAST[: 4 if setup.options.compensated else 2] if last else ():
             setattr(self, name, np.empty((ndof, paths)))
 

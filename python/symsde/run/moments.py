@@ -338,10 +338,25 @@ def moments(
     Bad input raises a ValueError (`symsde.errors`). An exception of an observable stops the run and is raised again. If
     a value is not finite on a path that is ok, a NotANumberWarning says so; its means are not finite either.
     """
+    given = {"q0": q0, "p0": p0, "step": step, "steps": steps, **options}
+    return moments_of(model, observables=observables, observers=observers, groups=groups, progress=progress, **given)
+
+
+def moments_of(
+    model: Model,
+    *,
+    observables: dict[str, Observable] | None = None,
+    observers: dict[str, requests.Observer] | None = None,
+    groups: Any = None,
+    progress: Progress = False,
+    keep_last: bool = False,
+    **options: Any,
+) -> Moments:
+    """The moments of these arguments of `moments`; with keep_last, `paths_kept` has the last states and statuses."""
     result = None
     try:
         given = check_observables(observables)
-        setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
+        setup = make_setup(model, in_python=are_in_python(given), **options)
         setup.warn_of_repeated_noise()
         wanted = requests.check_observers(observers)
         requests.warn_of_unsaid(wanted, beside=bool(given))
@@ -349,7 +364,8 @@ def moments(
             raise InvalidArgumentError(
                 f"first_path = {setup.options.first_path} does not begin a shard: moments need a multiple of 256"
             )
-        result = Moments(setup, given, wanted, groups_of(groups, model, setup.paths))
+        kept = KeptPaths(setup, last=True) if keep_last else None
+        result = Moments(setup, given, wanted, groups_of(groups, model, setup.paths), kept)
         result.fill(given, progress)
     except BaseException as stop:
         carry(stop, lambda: filled(result))
