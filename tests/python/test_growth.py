@@ -232,6 +232,31 @@ with RunFolder.open_to_write("out", record, batch.pieces, batch.scene) as folder
 """
 
 
+@pytest.mark.parametrize("keep", ["", "keep_last = true"], ids=["", "keep_last"])
+def test_back_to_what_it_was(folder, counted, keep):
+    """A folder whose growth was given up takes its own shards back, also those that were moved away."""
+    write(more=keep)
+    assert go(out="kept") == 0
+    write(every=5, more=keep)
+    with subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            WORKER.replace('"out"', '"kept"').replace("as folder:", "as folder:\n    folder.missing()"),
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as other:
+        other.communicate(b"\n")
+    assert other.returncode == 0
+    assert len(list(Path("kept/shards").glob("*.outgrown"))) == 7
+    counted.update(moments=0, simulate=0)
+    write(more=keep)
+    assert go("--grow", out="kept") == 0
+    assert counted == {"moments": 0 if keep else 1024 * 20, "simulate": 0}
+    require_whole(folder.parent / "kept", more=keep)
+
+
 def test_other_processes_work(folder, capfd):
     """Is refused while a process works in the folder, which then finds everything as it was; not beside one that has
     the same run."""

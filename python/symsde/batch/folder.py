@@ -179,11 +179,13 @@ class RunFolder:
         on from it."""
         if not self._is_of(state, piece):
             return None
-        if state.facts["run"] == self._hash:
-            return state
-        before = self._before[state.facts["run"]]
+        # A run that has grown may become what it was: then its own shards may have been moved away.
+        own = {"steps": self._steps, piece.kind: True} if state.facts["run"] == self._hash else None
+        before = own or self._before[state.facts["run"]]
         if not before[piece.kind]:
             return None
+        if "step" in state.facts and own:
+            return state
         told = {"step": state.facts.get("step", before["steps"])}
         return Shard(state.arrays, told if piece.kind == "paths" else {**state.facts, **told})
 
