@@ -38,9 +38,9 @@ LONG = SCENE.format(steps=16000000, every=400000, paths="[5]").replace("paths = 
 LONG = LONG.replace("moments = true", "moments = false")
 
 
-def run(scene, out, at=0):
+def run(scene, out, at=0, more=()):
     """Exit code of a run that is killed at this event in its folder, and the number of events that it counted."""
-    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.005", "--quiet"]
+    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.005", "--quiet", *more]
     done = subprocess.run(words(signal.SIGKILL, at, out, "all", "symsde", *given), stdout=subprocess.PIPE, check=False)
     return done.returncode, int(done.stdout or at)
 
@@ -71,6 +71,34 @@ def test_killed_and_resumed(text, least, tmp_path):
             assert digest(tmp_path / "out") == digest(tmp_path / "known")
             shutil.rmtree(tmp_path / "out")
     assert run(scene, tmp_path / "out")[0] == 0
+    assert digest(tmp_path / "out") == digest(tmp_path / "known")
+    left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
+    assert not left
+
+
+def test_killed_while_it_grew(tmp_path):
+    """A folder that keeps last states grows by steps and paths and is killed: its shards are those of one run."""
+    scene = tmp_path / "scene.toml"
+    text = MANY.replace("moments = true", "keep_last = true").replace("paths = 4096", "paths = 1100")
+    scene.write_text(text)
+    assert run(scene, tmp_path / "before")[0] == 0
+    more = ("--steps", "9200", "--paths", "1300")
+    scene.write_text(text.replace("steps = 8000", "steps = 9200").replace("paths = 1100", "paths = 1300"))
+    assert run(scene, tmp_path / "known")[0] == 0
+    scene.write_text(text)
+    shutil.copytree(tmp_path / "before", tmp_path / "out")
+    code, events = run(scene, tmp_path / "out", more=more)
+    assert code == 0 and events >= 60
+    dice = random.Random(13)
+    killed = 0
+    while killed < KILLS:
+        if digest(tmp_path / "out") == digest(tmp_path / "known"):
+            shutil.rmtree(tmp_path / "out")
+            shutil.copytree(tmp_path / "before", tmp_path / "out")
+        code, _ = run(scene, tmp_path / "out", dice.randint(1, events), more)
+        assert code in (0, -signal.SIGKILL)
+        killed += code != 0
+    assert run(scene, tmp_path / "out", more=more)[0] == 0
     assert digest(tmp_path / "out") == digest(tmp_path / "known")
     left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
     assert not left

@@ -122,11 +122,12 @@ class _Here:
         context = self._context
         if context.stop.reason:
             return None
-        begun = time.monotonic()
+        begun, found = time.monotonic(), []
 
         def tell(done: int, _total: int) -> bool:
             context.show.piece(piece.name, done)
-            return context.stop.gives_up(done, piece.work, begun)
+            found[:] = found or [done]  # steps that were there took none of this time
+            return context.stop.gives_up(done - found[0], piece.work - found[0], begun)
 
         return compute(self._task, piece, self._threads, tell, context.shards.checkpoint(piece))
 

@@ -121,11 +121,19 @@ def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
     return _moments_over(task, piece, options, tell)
 
 
+def taken(task: Task, piece: Piece, checkpoint: Checkpoint) -> int:
+    """Number of the path-steps of a piece that need not be taken again."""
+    state = checkpoint.read() if piece.kind == "paths" or task.keep_last else None
+    if state is None or (piece.kind == "moments" and not longer.begins(task.options, task.observers, state)):
+        return 0
+    return state.facts[longer.STEP] * piece.paths
+
+
 def _longer(task: Task, piece: Piece, options: dict[str, Any], tell: Tell, before: Shard) -> Shard | None:
     """The shard of moments from the end of a shorter run; None if it must be computed anew."""
-    taken = before.facts[longer.STEP] * piece.paths
+    already = before.facts[longer.STEP] * piece.paths
     here = longer.options_from(options, before)
-    later = _moments_over(task, piece, here, lambda done, _: tell(taken + done, piece.work))
+    later = _moments_over(task, piece, here, lambda done, _: tell(already + done, piece.work))
     setup = make_setup(task.model_of(piece), **options)
     if not longer.fits(before, later) or longer.may_have_grown(setup, before, later):
         return None

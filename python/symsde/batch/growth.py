@@ -137,14 +137,15 @@ def _anew(found: Sequence[str], there: Mapping[str, Any], here: Mapping[str, Any
     return told or ["saved paths that are there are kept"]
 
 
-def sentence(there: Mapping[str, Any], record: Mapping[str, Any], pieces: Sequence[Piece], missing: list[Piece]) -> str:
-    """What a folder that grows keeps, before the work begins."""
+def sentence(
+    there: Mapping[str, Any], record: Mapping[str, Any], pieces: Sequence[Piece], left: Mapping[str, int]
+) -> str:
+    """What a folder that grows keeps, before the work begins. left: path-steps to take of each missing piece."""
     old, new = there["inputs"]["run"], record["inputs"]["run"]
     found = manifest.keys_of_differences(there, record)
     sizes = [f"from {old[key]} to {counted(new[key], key[:-1])}" for key in ("paths", "steps") if old[key] != new[key]]
-    work = sum(piece.work for piece in missing)
-    kept = f"{len(pieces) - len(missing)} of {counted(len(pieces), 'shard')}"
+    kept = f"{len(pieces) - len(left)} of {counted(len(pieces), 'shard')} are there"
     return (
         f"the run in the folder grows {' and '.join(sizes) or 'by what it observes and saves'}: "
-        f"{', '.join(_anew(found, there, record))}; {kept} are there, the others take {work:.3g} path-steps at most"
+        f"{', '.join(_anew(found, there, record))}; {kept}, the others take about {sum(left.values()):.3g} path-steps"
     )

@@ -20,7 +20,7 @@ from ..batch import growth, manifest, merged_results, share
 from ..batch.dispatch import Context, dispatch
 from ..batch.dry import need
 from ..batch.error_check import error_check
-from ..batch.execute import Task
+from ..batch.execute import Task, taken
 from ..batch.folder import RunFolder
 from ..batch.pieces import Piece
 from ..batch.ranks import Ranks
@@ -91,8 +91,10 @@ def run(options: argparse.Namespace) -> int:
         Stop(limit) as stop,
         RunFolder.open_to_write(batch.out, record, batch.pieces, batch.scene) as folder,
     ):
-        if there and growth.came_from(record, there):
-            log.info("%s", growth.sentence(there, record, batch.pieces, folder.missing()))
+        if there and growth.came_from(record, there) and not options.quiet:
+            missing = folder.missing()
+            left = {x.name: x.work - taken(batch.task, x, folder.checkpoint(x)) for x in missing}
+            log.info("%s", growth.sentence(there, record, batch.pieces, left))
         begin = time.monotonic()
         folder.checkpoint_seconds = between
         fine = compute(batch.task, ranks.of(part.of(batch.pieces)), folder, Conditions(stop, ranks, options.quiet))
