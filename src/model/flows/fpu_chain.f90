@@ -159,14 +159,17 @@ contains
       real(wp), intent(in) :: beta
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: l, first, n
-      real(wp), intent(in) :: w(steps%nlane, 0:n, steps%nstep)
+      real(wp), intent(in), target :: w(steps%nlane, 0:n, steps%nstep)
       real(wp), intent(in), dimension(steps%nlane, n, steps%nstep) :: dz, k
       real(wp), intent(in), dimension(steps%nlane, n) :: q, p
       real(wp), intent(inout), dimension(steps%nlane, n, steps%nstep/steps%every) :: qn, pn
       real(wp) :: x(l, 0:n + 1)                    !! positions, with the ends at rest
       real(wp) :: f(l, 0:n), g(l, 0:n + 1)         !! forces of springs; V_q, zero at the ends
       real(wp) :: s(l, 0:n)                        !! stiffness of springs
-      real(wp) :: y(l, n), v(l, n)                 !! momenta, weighed noise of a kick
+      real(wp) :: y(l, n)                          !! momenta
+      real(wp), target :: v(l*n), u(l*n)           !! noises of a kick and of the next one at its place
+      real(wp), pointer, contiguous :: noise(:), other(:)
+      real(wp) :: a, b                             !! factors of these noises
       integer :: step, i, next
       logical :: joined, kicked
 
@@ -187,20 +190,21 @@ contains
          do i = 1, plan%nkick
             if (i == 1 .and. kicked) cycle
             joined = plan%joins .and. i == plan%nkick .and. mod(step, steps%every) /= 0
-            next = i
+            next = merge(1, i, joined)
             call find_forces(l, l*n, beta, x, f)
-            call weigh(i, step)
+            call weigh(i, step, v, noise, a)
             if (i == 2 .and. abs(plan%kappa) > 0) then
                call blend_rows(l, n, steps%nlane, plan%nfunctional, plan%inner, w(first, 1, step), dz(first, 1, step), &
                                k(first, 1, step), g(1, 1))
                call kick_by_gradient(l, l*n, beta, steps%h, 2*plan%kappa*steps%h**2, x, f, s, g, y)
             end if
             if (joined) then
-               call kick(l, l*n, plan%b(i)*steps%h, f, v, y)
-               next = 1
-               call weigh(1, step + 1)
+               call weigh(1, step + 1, u, other, b)
+               call kicks_and_drift(l, l*n, plan%b(i)*steps%h, plan%b(1)*steps%h, plan%reach(1), f, a, noise, &
+                                    b, other, y, x(1, 1))
+            else
+               call kick_and_drift(l, l*n, plan%b(i)*steps%h, plan%reach(i), f, a, noise, y, x(1, 1))
             end if
-            call kick_and_drift(l, l*n, plan%b(next)*steps%h, plan%reach(next), f, v, y, x(1, 1))
             if (abs(plan%loss(next)) > 0) call lose(l*n, plan%loss(next), y)
          end do
          if (mod(step, steps%every) == 0) then
@@ -211,12 +215,23 @@ contains
 
    contains
 
-      !> The noise of kick i of a step.
-      subroutine weigh(i, step)
+      !> The noise of kick i of a step, factor times noise: increments as they are, if no functional is added to them
+      !> and their rows are adjacent, otherwise sums in v.
+      subroutine weigh(i, step, v, noise, factor)
          integer, intent(in) :: i, step
+         real(wp), intent(out), target :: v(l*n)
+         real(wp), pointer, contiguous, intent(out) :: noise(:)
+         real(wp), intent(out) :: factor
 
-         call blend_rows(l, n, steps%nlane, plan%nfunctional, plan%by(:, i), w(first, 1, step), &
-                         dz(first, 1, step), k(first, 1, step), v)
+         if (l == steps%nlane .and. plan%nfunctional == 0) then
+            noise(1:l*n) => w(:, 1:n, step)
+            factor = plan%by(1, i)
+         else
+            call blend_rows(l, n, steps%nlane, plan%nfunctional, plan%by(:, i), w(first, 1, step), &
+                            dz(first, 1, step), k(first, 1, step), v)
+            noise => v
+            factor = 1
+         end if
       end subroutine weigh
 
    end subroutine pass
@@ -278,30 +293,33 @@ contains
       end select
    end subroutine blend
 
-   !> VEC y = y - (b U_q - v).
-   pure subroutine kick(l, m, b, f, v, y)
+   !> VEC y = y - (b U_q - a v), and then x = x + reach y.
+   pure subroutine kick_and_drift(l, m, b, reach, f, a, v, y, x)
       integer, intent(in) :: l, m
-      real(wp), intent(in) :: b, f(1 - l:m), v(m)
-      real(wp), intent(inout) :: y(m)
-      integer :: j
-
-      do j = 1, m
-         y(j) = y(j) - (b*(f(j - l) - f(j)) - v(j))
-      end do
-   end subroutine kick
-
-   !> VEC The same, and then x = x + reach y.
-   pure subroutine kick_and_drift(l, m, b, reach, f, v, y, x)
-      integer, intent(in) :: l, m
-      real(wp), intent(in) :: b, reach, f(1 - l:m), v(m)
+      real(wp), intent(in) :: b, reach, f(1 - l:m), a, v(m)
       real(wp), intent(inout) :: y(m), x(m)
       integer :: j
 
       do j = 1, m
-         y(j) = y(j) - (b*(f(j - l) - f(j)) - v(j))
+         y(j) = y(j) - (b*(f(j - l) - f(j)) - (a*v(j)))
          x(j) = x(j) + reach*y(j)
       end do
    end subroutine kick_and_drift
+
+   !> VEC The same with two kicks, one after the other.
+   pure subroutine kicks_and_drift(l, m, b1, b2, reach, f, a1, v1, a2, v2, y, x)
+      integer, intent(in) :: l, m
+      real(wp), intent(in) :: b1, b2, reach, f(1 - l:m), a1, v1(m), a2, v2(m)
+      real(wp), intent(inout) :: y(m), x(m)
+      real(wp) :: slope
+      integer :: j
+
+      do j = 1, m
+         slope = f(j - l) - f(j)
+         y(j) = (y(j) - (b1*slope - (a1*v1(j)))) - (b2*slope - (a2*v2(j)))
+         x(j) = x(j) + reach*y(j)
+      end do
+   end subroutine kicks_and_drift
 
    !> VEC y = y - factor U_qq V_q with V_q = h U_q - g; g is zero behind both ends. On return it is V_q.
    pure subroutine kick_by_gradient(l, m, beta, h, factor, x, f, s, g, y)
