@@ -13,6 +13,7 @@
 !> If a system fails, x is undefined in the procedures for one system, and unchanged in those for a lane of a block.
 module symsde_solve_one_system
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_lanes, only: all_finite
    use symsde_base_status, only: status_ok, singular, nonfinite
    use symsde_solve_banded_pivoting, only: &
       banded_factors, new_banded_factors, factor_columns, substitute, reciprocal_condition
@@ -192,20 +193,5 @@ contains
       call substitute(factors, band, x)
       if (all_finite(int(factors%n, i8), x)) info = status_ok
    end subroutine solve_factored
-
-   !> Whether no number of x is infinite or NaN. Counting has no early exit and so vectorises; n may exceed 2^31 in a
-   !> large matrix.
-   pure logical function all_finite(n, x)
-      integer(i8), intent(in) :: n  !! numbers to look at; more than 2^31 in a large matrix
-      real(wp), intent(in) :: x(n)  !! the numbers
-      integer(i8) :: i, bad
-
-      ! The loop treats all numbers alike.
-      bad = 0
-      do i = 1, n
-         bad = bad + merge(0_i8, 1_i8, abs(x(i)) <= huge(1.0_wp))
-      end do
-      all_finite = bad == 0
-   end function all_finite
 
 end module symsde_solve_one_system
