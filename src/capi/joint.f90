@@ -28,7 +28,7 @@ module symsde_capi_joint
    public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative, symsde_model_set_squares
    public :: symsde_model_set_pull
    public :: symsde_model_set_parameters, symsde_model_with_user, symsde_model_set_quadratic_part, &
-             symsde_model_set_action_kicks
+             symsde_model_set_flow_slopes, symsde_model_set_action_kicks
    public :: find_callback_model
 
 contains
@@ -247,6 +247,40 @@ contains
       if (.not. allocated(refusal)) known%traits = traits
       status = finish(refusal, error)
    end function symsde_model_set_quadratic_part
+
+   !> Tell a model whose further positions are parameters how the linear flows between kicks of the model of ndof
+   !> degrees of freedom change with them: derivatives of S (2 ndof, 2 ndof) of the quadratic part, and of the squares of
+   !> the frequencies (ndof), for each parameter; NULL where there is no such flow. Refuses built-in models
+   !> (incompatible).
+   function symsde_model_set_flow_slopes(wide, ndof, second, squares, error) result(status) &
+      bind(c, name='symsde_model_set_flow_slopes')
+      type(c_ptr), intent(in), value :: wide, second, squares, error
+      integer(c_int), intent(in), value :: ndof
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+      real(wp), pointer, contiguous :: given(:, :)
+      integer :: k
+
+      call find_callback_model(wide, known, 'symsde_model_set_flow_slopes', refusal)
+      if (.not. allocated(refusal)) then
+         k = known%traits%ndof - ndof
+         if (ndof < 1 .or. k < 1) call raise(refusal, invalid_argument, 'symsde_model_set_flow_slopes', 'ndof = '// &
+                                             to_text(ndof)//' of '//to_text(known%traits%ndof)// &
+                                             ' positions: give the degrees of freedom of the model without parameters')
+      end if
+      if (.not. allocated(refusal)) then
+         if (c_associated(second)) then
+            call view(second, 4_i8*ndof*ndof, int(k, i8), given)
+            known%traits%quadratic_slopes = reshape(given, [2*ndof, 2*ndof, k])
+         end if
+         if (c_associated(squares)) then
+            call view(squares, int(ndof, i8), int(k, i8), given)
+            known%traits%rotation_slopes = given
+         end if
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_flow_slopes
 
    !> Declare that what a quadratic part leaves of H, and every noise, are functions of the actions. Refuses built-in
    !> models (incompatible), and models without a quadratic part (invalid_argument).

@@ -353,6 +353,7 @@ FUNCTIONS = {
     "model_set_parameters": (_handle, c_int, c_int64, c_void_p, _error),
     "model_set_action_kicks": (_handle, c_int, _error),
     "model_set_quadratic_part": (_handle, POINTER(c_double), _error),
+    "model_set_flow_slopes": (_handle, c_int, c_void_p, c_void_p, _error),
     "model_with_user": (_handle, c_void_p, c_void_p, _handle_out, _error),
     "model_set_damping": (_handle, c_int, POINTER(c_double), c_int, _error),
     "model_set_damping_function": (_handle, CALLBACKS["damping"], c_int, c_int, c_int, c_void_p, _error),

@@ -2,13 +2,16 @@
 !> Which linearised step belongs to a task, and which tasks have none, with the reason.
 module symsde_step_linear_choice
    use symsde_base_kinds, only: wp
+   use symsde_base_damping, only: damping_type
    use symsde_base_status, only: error_type, raise, incompatible, missing_operation, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none, frame_none, ito_form, splitting_form, galerkin_form
+   use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_kicks, only: flow_midpoint
+   use symsde_scheme_scheme, only: correction_none, frame_none, ito_form, galerkin_form, scheme_type
    use symsde_step_linear_eliminated, only: eliminated_step, eliminated_fits, new_eliminated_step
-   use symsde_step_linear_kicks, only: kicks_step, new_kicks_step, why_no_kicks
+   use symsde_step_linear_kicks, only: kicks_step, new_kicks_step, steps_by_kicks, why_no_kicks
    use symsde_step_linear_kick_drift, only: kick_drift_step, kick_drift_fits, new_kick_drift
    use symsde_step_linear_linear_step, only: linear_step
    use symsde_step_linear_tableau, only: tableau_step, new_tableau_step
@@ -44,7 +47,7 @@ contains
          else if (is_silent(t, wide%traits)) then
             call refuse('a noise of model '//task%model%name//' is zero and not drawn, and a parameter changes it; '// &
                         'give the parameter a small value')
-         else if (wide%traits%forces%act() .and. scheme%form == splitting_form) then
+         else if (wide%traits%forces%act() .and. steps_by_kicks(task)) then
             call refuse('forces act between the drifts of scheme '//scheme%name)
          else if (wide%traits%forces%act() .and. .not. wide%traits%forces%has_derivative) then
             call refuse('forces of model '//task%model%name//' have no derivatives: give force_derivative, or formulas')
@@ -52,11 +55,11 @@ contains
             call refuse('rates of damping of model '//task%model%name//' are functions', numbers)
          else if (allocated(task%damping%friction)) then
             call refuse('model '//task%model%name//' is damped by a matrix of friction', numbers)
-         else if (nrate > 0 .and. scheme%form == splitting_form) then
+         else if (nrate > 0 .and. steps_by_kicks(task)) then
             call refuse('scheme '//scheme%name//' has drifts that decay')
          else if (task%newton%fixed_point > 0) then
             call refuse('a given number of iterations does not solve the equations that are differentiated')
-         else if (scheme%frame /= frame_none) then
+         else if (scheme%frame /= frame_none .and. .not. steps_by_kicks(task)) then
             call refuse('scheme '//scheme%name//' has a frame around its tableau')
          else if (len(why_not) > 0) then
             call refuse('scheme '//scheme%name//' '//why_not)
@@ -89,18 +92,39 @@ contains
    end subroutine require_linear
 
    !> Unknowns of the linear system of a step.
-   integer function unknowns_of(task, wide, nrate, h) result(n)
+   recursive integer function unknowns_of(task, wide, nrate, h) result(n)
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in) :: wide
       integer, intent(in) :: nrate
       real(wp), intent(in) :: h
+      type(scheme_type), target :: scheme
+      type(stepper_task) :: midpoint
 
       n = 0
-      if (task%scheme%form == splitting_form) return
+      if (steps_by_kicks(task)) then
+         if (task%scheme%kicks%flow /= flow_midpoint) return
+         call find_midpoint(task, scheme, midpoint)
+         n = unknowns_of(midpoint, wide, nrate, h)
+         return
+      end if
       if (kick_drift_fits(task, wide) .and. nrate == 0) return
       n = task%model%traits%ndof*task%scheme%nstage
       if (.not. eliminated_fits(task, wide, h)) n = 2*n
    end function unknowns_of
+
+   !> The task of midpoint steps between the kicks of a task; scheme: the midpoint rule, to which it points.
+   subroutine find_midpoint(task, scheme, midpoint)
+      type(stepper_task), intent(in) :: task
+      type(scheme_type), intent(out), target :: scheme
+      type(stepper_task), intent(out) :: midpoint
+      type(error_type), allocatable :: error
+
+      call get_scheme(scheme, 'midpoint', error)
+      midpoint = task
+      midpoint%scheme => scheme
+      midpoint%damping = damping_type()
+      midpoint%correction = correction_none
+   end subroutine find_midpoint
 
    !> Whether a noise of the path is not drawn that the wide model has.
    pure logical function is_silent(narrow, wide)
@@ -113,7 +137,7 @@ contains
    end function is_silent
 
    !> The linearised step of a task that require_linear has accepted, for blocks of nlane lanes.
-   subroutine new_linear_step(step, task, model, wide, nrate, h, nlane)
+   recursive subroutine new_linear_step(step, task, model, wide, nrate, h, nlane)
       class(linear_step), allocatable, intent(out) :: step
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in), target :: model   !! the path's model, or a view that knows the lanes' paths
@@ -125,14 +149,23 @@ contains
       type(tableau_step), allocatable :: tableau
       type(eliminated_step), allocatable :: eliminated
       type(kicks_step), allocatable :: splitting
+      type(scheme_type), target :: scheme
+      type(stepper_task) :: midpoint
+      class(linear_step), allocatable :: inner
 
       if (kick_drift_fits(task, wide) .and. nrate == 0) then
          allocate (kicks)
          call new_kick_drift(kicks, task, wide, nlane)
          call move_alloc(kicks, step)
-      else if (task%scheme%form == splitting_form) then
+      else if (steps_by_kicks(task)) then
          allocate (splitting)
-         call new_kicks_step(splitting, task, wide, nlane)
+         if (task%scheme%kicks%flow == flow_midpoint) then
+            call find_midpoint(task, scheme, midpoint)
+            call new_linear_step(inner, midpoint, model, wide, nrate, h, nlane)
+            call new_kicks_step(splitting, task, wide, nlane, midpoint, inner)
+         else
+            call new_kicks_step(splitting, task, wide, nlane)
+         end if
          call move_alloc(splitting, step)
       else if (eliminated_fits(task, wide, h)) then
          allocate (eliminated)

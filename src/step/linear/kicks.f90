@@ -8,7 +8,9 @@
 !> (where momenta decay by one rate, x <- x + phi_i M^-1 y, y <- E_i y and c <- E_i c + phi_i M^-1 u with
 !> E_i = exp(-gamma tau_i), phi_i = (1 - E_i)/gamma)
 !>
-!> for i = 1 .. s, and a last drift. The points x_i of the kicks are found again from the state before the step. Weights
+!> for i = 1 .. s, and a last drift. Exact flows of a quadratic part D of H, rotations and midpoint steps take the place
+!> of drifts (linear/legs); the kicks are then those of H - D at p = 0, whose gradients and Hessians have S_qq and its
+!> derivatives by parameters taken off, or of the noises alone. The points x_i of the kicks are found again from the state before the step. Weights
 !> are those of the forward step (step/splitting/coefficients), with dZ and K of the path.
 !>
 !> Products of gradients in kicks (step/splitting/products.inc) are Hess F M^-1 G_q, with F = G = V, or with noises F
@@ -24,20 +26,29 @@ module symsde_step_linear_kicks
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
+   use symsde_base_traits, only: model_traits
    use symsde_noise_decay_law, only: decay_integral
-   use symsde_scheme_kicks, only: flow_free
-   use symsde_scheme_scheme, only: correction_none, splitting_form
+   use symsde_scheme_kicks, only: flow_free, flow_rotation, flow_midpoint
+   use symsde_scheme_scheme, only: correction_none, frame_rotation, splitting_form
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_linear_linear_step, only: linear_step
+   use symsde_step_linear_legs, only: leg_flow, linear_legs, new_linear_legs, midpoint_legs, new_midpoint_legs
+   use symsde_step_linear_linear_step, only: linear_step, keep_parameters
+   use symsde_step_open_linear_flow, only: damped_field
+   use symsde_step_open_linear_noise, only: has_linear_law
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: kicks_step, new_kicks_step, why_no_kicks
+   public :: kicks_step, new_kicks_step, why_no_kicks, steps_by_kicks
+
+   integer, parameter :: most_rows = 256   !! of the matrix of a linear flow
 
    type, extends(linear_step) :: kicks_step
       private
       type(kick_weights) :: weights
+      class(leg_flow), allocatable :: legs   !! flows between kicks that are no free drifts
+      real(wp), allocatable :: second(:, :)  !! S of the linear flows (2 ndof, 2 ndof)
+      real(wp), allocatable :: slopes(:, :, :)   !! its derivatives by parameters (2 ndof, 2 ndof, nparameter)
       real(wp), allocatable :: tau(:)        !! drifts before each kick and behind the last, as parts of the step
       real(wp) :: rate = 0                   !! gamma
       logical :: by_h = .false.              !! the mass is the identity
@@ -45,15 +56,23 @@ module symsde_step_linear_kicks
       real(wp), allocatable :: x(:, :, :)    !! points of the kicks (nlane, ndof, nkick)
       logical :: bends = .false.             !! third derivatives of the wide model do not vanish
       real(wp), allocatable, dimension(:, :) :: of_f, of_g       !! weights of F and G (nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: y                !! momenta within the step (nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: at, y            !! the state within the step (nlane, ndof)
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
       real(wp), allocatable, dimension(:, :) :: g, still, rq, rp !! M^-1 G_q, zero, terms of products (nlane, nwide)
    contains
       procedure :: back
       procedure :: forth
+      procedure :: set_parameters
    end type kicks_step
 
 contains
+
+   !> Whether a scheme has drifts and kicks: those of an exact rotation after all noise, too.
+   pure logical function steps_by_kicks(task)
+      type(stepper_task), intent(in) :: task
+
+      steps_by_kicks = task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation
+   end function steps_by_kicks
 
    !> Why a splitting scheme has no linearised step here; empty if it has.
    subroutine why_no_kicks(task, wide, why)
@@ -61,34 +80,93 @@ contains
       class(model_type), intent(in) :: wide
       character(:), allocatable, intent(out) :: why
       type(kick_weights) :: weights
+      real(wp), allocatable :: second(:, :), slopes(:, :, :)
+      logical :: by_parameters, is_free
 
       why = ''
-      if (task%scheme%form /= splitting_form) return
-      if (task%scheme%kicks%flow /= flow_free) then
-         why = 'has rotations or midpoint steps between its kicks'
-      else if (task%damping%acts() .and. task%scheme%kicks%rational) then
+      if (.not. steps_by_kicks(task)) return
+      by_parameters = wide%traits%ndof > task%model%traits%ndof
+      call find_linear(task, wide%traits, second, slopes)
+      is_free = task%scheme%kicks%flow /= flow_midpoint .and. .not. allocated(second)
+      if (task%damping%acts() .and. task%scheme%kicks%rational) then
          why = 'multiplies momenta by rational functions of rates'
       else if (task%damping%acts() .and. any(task%damping_noise == [noise_law3, noise_path])) then
          why = 'takes damping_noise "law", "law2" or "polynomial" for derivatives'
-      else if (task%damping%acts() .and. (task%scheme%kicks%is_word() .or. .not. task%damping%is_scalar())) then
+      else if (task%damping%acts() .and. (task%scheme%kicks%is_word() .or. &
+                                          (is_free .and. .not. task%damping%is_scalar()))) then
          why = 'has momenta that decay by several rates, or at kicks'
-      else if (allocated(task%model%traits%quadratic_part)) then
-         why = 'has drifts that couple positions and momenta'
-      else if (.not. (wide%traits%separable .and. wide%traits%position_noise)) then
+      else if (by_parameters .and. .not. is_free .and. &
+               has_linear_law(task%scheme, task%model%traits, task%damping, task%damping_noise)) then
+         why = 'adds the exact noise of damped flows, which changes with parameters: damping_noise="polynomial" adds none'
+      else if (allocated(second) .and. task%model%traits%kicks_of_actions) then
+         why = 'has kicks that turn planes (q, p) by functions of the actions'
+      else if (allocated(second) .and. size(second, 1) > most_rows) then
+         why = 'has linear flows of more than 128 degrees of freedom'
+      else if (allocated(second) .and. by_parameters .and. .not. allocated(slopes)) then
+         why = 'has linear flows, whose derivatives by parameters formulas give'
+      else if (.not. wide%traits%position_noise .or. (is_free .and. .not. wide%traits%separable)) then
          why = 'has drifts that a parameter of the kinetic energy changes'
       else
          call new_kick_weights(weights, task%scheme%kicks, task%model%traits, task%damping, task%damping_noise, 8)
-         if (any(weights%has_products) .and. .not. (wide%traits%has_third_derivative .or. wide%traits%quadratic)) &
+         if (.not. any(weights%has_products)) return
+         if (.not. (wide%traits%has_third_derivative .or. wide%traits%quadratic)) then
             why = 'adds products of gradients to its kicks, and model '//wide%name//' has no third derivatives'
+         else if (changes_mass()) then
+            why = 'adds products of gradients to its kicks, over masses that a parameter changes'
+         end if
       end if
+
+   contains
+
+      !> Whether M^-1 in products depends on a parameter.
+      logical function changes_mass()
+         integer :: n
+
+         n = task%model%traits%ndof
+         changes_mass = .not. is_free .and. .not. allocated(second) .and. .not. wide%traits%separable
+         if (allocated(slopes)) changes_mass = any(abs(slopes(n + 1:, n + 1:, :)) > 0)
+      end function changes_mass
+
    end subroutine why_no_kicks
 
+   !> S of the linear flows between the kicks of a task, and its derivatives by parameters; not allocated where there are
+   !> none, or are not known.
+   subroutine find_linear(task, wide, second, slopes)
+      type(stepper_task), intent(in) :: task
+      type(model_traits), intent(in) :: wide
+      real(wp), allocatable, intent(out) :: second(:, :), slopes(:, :, :)
+      integer :: i, k, n
+
+      n = task%model%traits%ndof
+      k = wide%ndof - n
+      if (task%scheme%kicks%flow == flow_rotation) then
+         allocate (second(2*n, 2*n), source=0.0_wp)
+         do i = 1, n
+            second(i, i) = task%model%traits%rotation(i)**2
+            second(n + i, n + i) = 1
+         end do
+         if (.not. (k == 0 .or. allocated(wide%rotation_slopes))) return
+         allocate (slopes(2*n, 2*n, k), source=0.0_wp)
+         do i = 1, merge(n, 0, k > 0)
+            slopes(i, i, :) = wide%rotation_slopes(i, :)
+         end do
+      else if (task%drifts_by_part()) then
+         second = task%model%traits%quadratic_part
+         if (k == 0) allocate (slopes(2*n, 2*n, 0))
+         if (k > 0 .and. allocated(wide%quadratic_slopes)) slopes = wide%quadratic_slopes
+      end if
+   end subroutine find_linear
+
    !> Make the linearised step for blocks of nlane lanes.
-   subroutine new_kicks_step(self, task, wide, nlane)
+   subroutine new_kicks_step(self, task, wide, nlane, midpoint, inner)
       type(kicks_step), intent(out) :: self
       type(stepper_task), intent(in) :: task
       class(model_type), intent(in), target :: wide
       integer, intent(in) :: nlane
+      type(stepper_task), intent(in), optional :: midpoint              !! the task of midpoint steps between kicks
+      class(linear_step), allocatable, intent(inout), optional :: inner !! their linearised step
+      type(linear_legs), allocatable :: linear
+      type(midpoint_legs), allocatable :: by_midpoint
       integer :: i, n
 
       n = task%model%traits%ndof
@@ -96,7 +174,6 @@ contains
       self%ndof = n
       self%nwide = wide%traits%ndof
       self%by_h = task%model%traits%identity_mass
-      if (task%damping%acts()) self%rate = task%damping%rate(1)
       call new_kick_weights(self%weights, task%scheme%kicks, task%model%traits, task%damping, task%damping_noise, nlane)
       associate (c => task%scheme%kicks%c)
          allocate (self%tau(size(c) + 1))
@@ -107,9 +184,22 @@ contains
          self%tau(size(c) + 1) = 1 - c(size(c))
          allocate (self%x(nlane, n, size(c)))
       end associate
+      call find_linear(task, wide%traits, self%second, self%slopes)
+      if (present(inner)) then
+         allocate (by_midpoint)
+         call new_midpoint_legs(by_midpoint, midpoint, task, nlane, inner)
+         call move_alloc(by_midpoint, self%legs)
+      else if (allocated(self%second)) then
+         allocate (linear)
+         call new_linear_legs(linear, nlane, size(self%tau), damped_field(self%second, task%damping), self%slopes)
+         call move_alloc(linear, self%legs)
+         self%by_h = task%scheme%kicks%flow == flow_rotation
+      else if (task%damping%acts()) then
+         self%rate = task%damping%rate(1)
+      end if
       call new_one_step_hamiltonian(self%ham, wide, nlane, correction_none, 0.0_wp)
       allocate (self%w(nlane, 0:wide%traits%nnoise), source=0.0_wp)
-      allocate (self%y(nlane, n))
+      allocate (self%at(nlane, n), self%y(nlane, n))
       allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
       allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
       if (.not. any(self%weights%has_products)) return
@@ -128,17 +218,21 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: i, last
 
-      call find_points(self, step, q0, p0)
+      call find_points(self, step, q0, p0, status)
       last = size(self%tau)
-      call fade(self, step, last, c)
-      call drift(self, step, last, u(:, :self%ndof), c)
-      do i = last - 1, 1, -1
-         self%vq(:, :self%ndof) = c
-         self%vq(:, self%ndof + 1:) = 0
-         call product_at(self, step, i)
-         u = u - self%uq
-         call fade(self, step, i, c)
-         call drift(self, step, i, u(:, :self%ndof), c)
+      do i = last, 1, -1
+         if (i < last) then
+            self%vq(:, :self%ndof) = c
+            self%vq(:, self%ndof + 1:) = 0
+            call product_at(self, step, i)
+            u = u - self%uq
+         end if
+         if (.not. allocated(self%legs)) then
+            call fade(self, step, i, c)
+            call drift(self, step, i, u(:, :self%ndof), c)
+         else if (abs(self%tau(i)) > 0) then
+            call self%legs%back(i, u, c, status)
+         end if
       end do
    end subroutine back
 
@@ -152,12 +246,15 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       integer :: i, j
 
-      call find_points(self, step, q0, p0)
-      do j = 1, m
-         do i = 1, size(self%tau)
-            call drift(self, step, i, vp(:, :, j), vq(:, :self%ndof, j))
-            call fade(self, step, i, vp(:, :, j))
-            if (i == size(self%tau)) exit
+      call find_points(self, step, q0, p0, status)
+      do i = 1, size(self%tau)
+         if (allocated(self%legs) .and. abs(self%tau(i)) > 0) call self%legs%forth(i, vq, vp, status)
+         do j = 1, m
+            if (.not. allocated(self%legs)) then
+               call drift(self, step, i, vp(:, :, j), vq(:, :self%ndof, j))
+               call fade(self, step, i, vp(:, :, j))
+            end if
+            if (i == size(self%tau)) cycle
             self%vq = vq(:, :, j)
             call product_at(self, step, i)
             vp(:, :, j) = vp(:, :, j) - self%uq(:, :self%ndof)
@@ -165,23 +262,47 @@ contains
       end do
    end subroutine forth
 
-   !> The points of the kicks.
-   subroutine find_points(self, step, q0, p0)
+   !> Parameters of this step, and of midpoint steps in it.
+   subroutine set_parameters(self, theta)
+      class(kicks_step), intent(inout) :: self
+      real(wp), intent(in) :: theta(:, :)   !! (nlane, nparameter)
+
+      call keep_parameters(self, theta)
+      if (.not. allocated(self%legs)) return
+      select type (legs => self%legs)
+      type is (midpoint_legs)
+         call legs%step%set_parameters(theta)
+      end select
+   end subroutine set_parameters
+
+   !> The points of the kicks, up to the last flow, before whose state flows are known.
+   subroutine find_points(self, step, q0, p0, status)
       type(kicks_step), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      integer(i8), intent(inout) :: status(self%nlane)
+      real(wp) :: reached
       integer :: i
 
       call self%weights%weigh(self%nlane, step)
       self%y = p0
-      do i = 1, size(self%tau) - 1
-         if (i == 1) self%x(:, :, i) = q0
-         if (i > 1) self%x(:, :, i) = self%x(:, :, i - 1)
-         call drift(self, step, i, self%y, self%x(:, :, i))
-         call fade(self, step, i, self%y)
-         self%q(:, :self%ndof) = self%x(:, :, i)
+      self%at = q0
+      reached = 0
+      do i = 1, size(self%tau)
+         if (.not. allocated(self%legs)) then
+            if (i == size(self%tau)) exit
+            call drift(self, step, i, self%y, self%at)
+            call fade(self, step, i, self%y)
+         else if (abs(self%tau(i)) > 0) then
+            call self%legs%move(i, step%t + reached*step%h, self%tau(i)*step%h, self%at, self%y, status)
+         end if
+         if (i == size(self%tau)) exit
+         reached = self%weights%kicks%c(i)
+         self%x(:, :, i) = self%at
+         self%q(:, :self%ndof) = self%at
          call self%ham%bare_gradient(self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, self%p, &
                                      hq=self%uq)
+         call take_off(self, self%weights%w(:, 0, i), self%uq)
          call add_products(self, step, i, along=.false.)
          self%y = self%y - self%uq(:, :self%ndof)
       end do
@@ -197,6 +318,7 @@ contains
       self%vp = 0
       call self%ham%bare_product(self%nlane, self%nlane, time_of(self, step, i), self%weights%w(:, :, i), self%q, &
                                  self%p, self%vq, self%vp, self%uq, self%up)
+      call take_off(self, self%weights%w(:, 0, i), self%uq, along=self%vq)
       call add_products(self, step, i, along=.true.)
    end subroutine product_at
 
@@ -241,23 +363,71 @@ contains
 
       n = self%ndof
       call self%ham%bare_gradient(self%nlane, t, self%of_g, self%q, self%p, hq=self%rq)
+      call take_off(self, self%of_g(:, 0), self%rq)
       self%g = 0
       call add_by_mass(self, t, 1.0_wp, self%rq(:, :n), self%g(:, :n))
       if (along) then
          if (self%bends) then
             call self%ham%bare_third(self%nlane, t, self%of_f, self%q, self%p, self%g, self%still, self%vq, &
                                      self%still, self%rq, self%rp)
+            call take_off(self, self%of_f(:, 0), self%rq, along=self%vq, first=self%g)
             self%uq = self%uq + factor*self%rq
          end if
          call self%ham%bare_product(self%nlane, self%nlane, t, self%of_g, self%q, self%p, self%vq, self%still, &
                                     self%rq, self%rp)
+         call take_off(self, self%of_g(:, 0), self%rq, along=self%vq)
          self%g = 0
          call add_by_mass(self, t, 1.0_wp, self%rq(:, :n), self%g(:, :n))
       end if
       call self%ham%bare_product(self%nlane, self%nlane, t, self%of_f, self%q, self%p, self%g, self%still, &
                                  self%rq, self%rp)
+      call take_off(self, self%of_f(:, 0), self%rq, along=self%g)
       self%uq = self%uq + factor*self%rq
    end subroutine add_product
+
+   !> Take what q.S_qq q/2 with these weights has off the gradient at self%q, off products with the Hessian along v, or
+   !> off third derivatives along a and v, in rows of positions and of parameters theta_k:
+   !>
+   !>    S_qq q      S_qq v + sum_k S_k q v_k,  q.S_k v      sum_k S_k a v_k,  a.S_k v        S_k = dS_qq/dtheta_k
+   subroutine take_off(self, weight, r, along, first)
+      type(kicks_step), intent(in) :: self
+      real(wp), intent(in) :: weight(self%nlane)
+      real(wp), intent(inout) :: r(self%nlane, self%nwide)
+      real(wp), intent(in), optional :: along(self%nlane, self%nwide)   !! v
+      real(wp), intent(in), optional :: first(self%nlane, self%nwide)   !! a, without parameters
+      integer :: i, j, k
+
+      if (.not. allocated(self%second)) return
+      associate (n => self%ndof, s => self%second)
+         do i = 1, n
+            do j = 1, n
+               if (abs(s(i, j)) > 0 .and. .not. present(along)) &
+                  r(:, i) = r(:, i) - weight*s(i, j)*self%q(:, j)
+               if (abs(s(i, j)) > 0 .and. present(along) .and. .not. present(first)) &
+                  r(:, i) = r(:, i) - weight*s(i, j)*along(:, j)
+               do k = 1, merge(size(self%slopes, 3), 0, present(along))
+                  if (.not. abs(self%slopes(i, j, k)) > 0) cycle
+                  if (present(first)) then
+                     call add_slope(weight*self%slopes(i, j, k), first(:, j))
+                  else
+                     call add_slope(weight*self%slopes(i, j, k), self%q(:, j))
+                  end if
+               end do
+            end do
+         end do
+      end associate
+
+   contains
+
+      !> An entry (i, j) of S_k beside the first vector.
+      subroutine add_slope(entry, of_first)
+         real(wp), intent(in) :: entry(self%nlane), of_first(self%nlane)
+
+         r(:, i) = r(:, i) - entry*of_first*along(:, self%ndof + k)
+         r(:, self%ndof + k) = r(:, self%ndof + k) - entry*of_first*along(:, i)
+      end subroutine add_slope
+
+   end subroutine take_off
 
    !> to <- to + phi M^-1 v over drift i: of points by momenta, of tangent vectors, and of covectors by those of q.
    subroutine drift(self, step, i, v, to)
@@ -288,9 +458,18 @@ contains
       real(wp), intent(in) :: t, factor
       real(wp), intent(in) :: v(:, :)             !! (nlane, ndof)
       real(wp), intent(inout) :: to(:, :)         !! (nlane, ndof)
+      integer :: i, j
 
       if (self%by_h) then
          to = to + factor*v
+      else if (allocated(self%second)) then
+         associate (n => self%ndof)
+            do i = 1, n
+               do j = 1, n
+                  if (abs(self%second(n + i, n + j)) > 0) to(:, i) = to(:, i) + factor*self%second(n + i, n + j)*v(:, j)
+               end do
+            end do
+         end associate
       else  ! M^-1 v is H_p at the momentum v, since M is constant
          self%w(:, 0) = factor
          self%p(:, :self%ndof) = v

@@ -19,7 +19,7 @@ module symsde_step_linear_linear_step
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: linear_step
+   public :: linear_step, keep_parameters
 
    type, abstract :: linear_step
       integer :: nlane = 0, ndof = 0       !! lanes, a multiple of 8; degrees of freedom of the path
@@ -34,7 +34,7 @@ module symsde_step_linear_linear_step
       procedure :: take_back => take_none_back
       procedure :: check => nothing_to_check
       procedure :: settle => nothing_left
-      procedure :: set_parameters
+      procedure :: set_parameters => keep_parameters
       procedure :: load
    end type linear_step
 
@@ -96,14 +96,14 @@ contains
    end subroutine nothing_left
 
    !> Allocate the state of the wide model, and set its parameters, for all later steps.
-   subroutine set_parameters(self, theta)
+   subroutine keep_parameters(self, theta)
       class(linear_step), intent(inout) :: self
       real(wp), intent(in) :: theta(:, :)   !! (nlane, nrow - ndof); values of rates are not read
 
       if (.not. allocated(self%q)) &
          allocate (self%q(self%nlane, self%nwide), self%p(self%nlane, self%nwide), source=0.0_wp)
       self%q(:, self%ndof + 1:) = theta(:, :self%nwide - self%ndof)
-   end subroutine set_parameters
+   end subroutine keep_parameters
 
    !> Load a state of the path.
    subroutine load(self, q, p)

@@ -10,6 +10,7 @@ formula_observables  observables from formulas, for any model
 path_formula         a formula of the end of a path, with its derivatives
 path_sums            derivatives of a formula of sums over sites
 wide                 parameters as positions that do not move
+wide_flows           linear flows of models with parameters as positions
 wide_forces          forces and friction of models with parameters as positions
 parse                reads formulas from text without executing it
 named_formulas       the given formulas, checked and renamed to internal names

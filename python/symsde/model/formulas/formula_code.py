@@ -80,6 +80,7 @@ class Code:
     decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
     #: whole steps of kicks between flows of the quadratic part, and their schemes
     kicks: tuple[compiler.Compiled, list[str]] | None = None
+    squares: Callable[[list], list[complex]] | None = None  #: values -> squares of these frequencies
     direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
     #: names -> with these parameters as positions (wide.py)
     wide: dict[tuple, FormulaModel] = field(default_factory=dict)
@@ -159,6 +160,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
     kinds[kind] = Code(
         given, kind, own, dict(values), told, formula, derivatives, chain, rotation, part, compiled, kinds, pulls,
         rates, kicks=_kicks_of(derivatives) if compiled and given.get("steps", True) else None,
+        squares=None if rotation is _no_rotation else prover.squares,
     )  # fmt: skip
     return kinds[kind]
 

@@ -53,6 +53,23 @@ class Part:
         second = np.block([[qq, qp], [qp.T, pp]])
         return tuple(map(tuple, second.tolist())) if np.isfinite(second).all() else None
 
+    def of_complex(self, values: list) -> np.ndarray:
+        """S for complex values of the parameters; S_qq as their real parts choose it."""
+        pp, qp, qq = (np.array([[x(values) for x in row] for row in rows]) for rows in
+                      (self.momenta, self.mixed, self.stiffness))  # fmt: skip
+        if self.slopes:
+            qq = chosen(pp, qp, qq, np.array([[x(values).real for x in row] for row in self.slopes]))
+        return np.block([[qq, qp], [qp.T, pp]])
+
+
+def chosen(pp: np.ndarray, qp: np.ndarray, linear: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """S_qq of complex numbers as `stiffness` chooses it of their real parts."""
+    real = linear.real
+    if stiffness(pp.real, qp.real, real, slopes) is real:
+        return linear
+    square = qp @ np.linalg.solve(pp, qp.T) if np.linalg.matrix_rank(pp.real) == len(pp) else np.zeros_like(pp)
+    return (square + square.T) / 2
+
 
 def stiffness(pp: np.ndarray, qp: np.ndarray, linear: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """S_qq of the two splits that leaves less for kicks; slopes: H_q at p = 0 and the positions of `places`."""

@@ -80,12 +80,27 @@ class Part:
             return None
         return tuple(map(tuple, second.tolist())) if np.isfinite(second).all() else None
 
+    def of_complex(self, values: _Values) -> np.ndarray:
+        """S for complex values of the parameters; S_qq as their real parts choose it."""
+        n = self.ndof
+        second = np.zeros((2 * n, 2 * n), complex)
+        for entry, places in self.entries:
+            number = complex(entry.xreplace({x: _value(x, values) for x in entry.free_symbols}))
+            for place in places:
+                second[place] += number
+        if self.slopes is not None:
+            real = [tuple(np.real(x)) if isinstance(x, tuple) else np.real(x) for x in values]
+            slopes = np.array([self.slopes(real, x) for x in quadratic.places(n)])
+            second[:n, :n] = quadratic.chosen(second[n:, n:], second[:n, n:], second[:n, :n].copy(), slopes)
+        return second
+
 
 def _value(symbol: Any, values: _Values) -> Any:
     """The value of c3, or of c3_7, the number of site 7."""
+    sympy = optional("sympy", "sympy")
     number, _, site = symbol.name[1:].partition("_")
-    value = values[int(number)]
-    return optional("sympy", "sympy").Float(float(value[int(site)] if site else value))
+    value = complex(values[int(number)][int(site)] if site else values[int(number)])
+    return sympy.Float(value.real) + (sympy.I * sympy.Float(value.imag) if value.imag else 0)
 
 
 class _Summand:

@@ -287,10 +287,7 @@ class Prover:
         path."""
         squares = []
         try:
-            if self._squares is None:
-                rest = dict.fromkeys((*self.q, *self.p, self.t), 0.0)
-                self._squares = [_function(self.diff(0, x, x), rest, self._real) for x in self.q]
-            found = [square(values) for square in self._squares]
+            found = self.squares(values)
         except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
             return None
         for square in found:
@@ -298,6 +295,13 @@ class Prover:
                 return None
             squares.append(math.sqrt(square.real))
         return tuple(squares) if any(squares) else None
+
+    def squares(self, values: list) -> list[complex]:
+        """The diagonal of the Hessian at q = 0 for values of the parameters, which may be complex."""
+        if self._squares is None:
+            rest = dict.fromkeys((*self.q, *self.p, self.t), 0.0)
+            self._squares = [_function(self.diff(0, x, x), rest, self._real) for x in self.q]
+        return [square(values) for square in self._squares]
 
     def split(self, values: list) -> Split | None:
         """Second derivatives of the quadratic part for these values of the parameters; None without one."""

@@ -16,6 +16,7 @@ from ..definition import Model
 from ..thermostat import bath_of, diagonal_masses
 from .formula_model import FormulaModel, _made, model_from_sympy
 from .named_formulas import Problem, default_names, named
+from .wide_flows import with_slopes_of_flows
 from .wide_forces import bath_slopes, with_acting, with_slopes
 
 MAX_POSITIONS = 256  #: of a wide model
@@ -88,6 +89,7 @@ def wide_model(model: Model, names: Sequence[str], *, thirds: bool = False) -> t
         positions.slopes = _bath_slopes(model, wide, wanted)
     elif model._fluctuating:
         _require_own_bath(model, names, problem)
+    wide = with_slopes_of_flows(wide, model, positions)
     return wide if code.pulls.formulas else with_acting(wide, model), positions
 
 
@@ -110,7 +112,7 @@ def _of_sites(model: FormulaModel, wanted: list[str], *, thirds: bool) -> tuple[
     positions.of_sites = of_sites
     if model._fluctuating:
         positions.slopes = _bath_slopes(model, wide, order)
-    return with_acting(wide, model), positions
+    return with_acting(with_slopes_of_flows(wide, model, positions), model), positions
 
 
 def _slopes(model: FormulaModel, wanted: list[str], names: Sequence[str]) -> np.ndarray | None:
