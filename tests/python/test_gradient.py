@@ -312,7 +312,6 @@ def test_own_model():
 @pytest.mark.parametrize(
     ("scheme", "why"),
     [
-        ("verlet_kdk_midpoint", "midpoint steps"),
         ("gauss2_strong32", "brackets"),
         ("euler_maruyama", "Ito form"),
         ("verlet_dz", "frame"),

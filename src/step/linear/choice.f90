@@ -60,7 +60,7 @@ contains
          else if (task%newton%fixed_point > 0) then
             call refuse('a given number of iterations does not solve the equations that are differentiated')
          else if (scheme%frame /= frame_none .and. .not. steps_by_kicks(task)) then
-            call refuse('scheme '//scheme%name//' has a frame around its tableau')
+            call refuse('scheme '//scheme%name//' has a frame of dZ around its tableau')
          else if (len(why_not) > 0) then
             call refuse('scheme '//scheme%name//' '//why_not)
          else if (scheme%form == ito_form) then
@@ -162,9 +162,9 @@ contains
          if (task%scheme%kicks%flow == flow_midpoint) then
             call find_midpoint(task, scheme, midpoint)
             call new_linear_step(inner, midpoint, model, wide, nrate, h, nlane)
-            call new_kicks_step(splitting, task, wide, nlane, midpoint, inner)
+            call new_kicks_step(splitting, task, model, wide, nlane, inner)
          else
-            call new_kicks_step(splitting, task, wide, nlane)
+            call new_kicks_step(splitting, task, model, wide, nlane)
          end if
          call move_alloc(splitting, step)
       else if (eliminated_fits(task, wide, h)) then

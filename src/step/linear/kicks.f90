@@ -10,8 +10,9 @@
 !>
 !> for i = 1 .. s, and a last drift. Exact flows of a quadratic part D of H, rotations and midpoint steps take the place
 !> of drifts (linear/legs); the kicks are then those of H - D at p = 0, whose gradients and Hessians have S_qq and its
-!> derivatives by parameters taken off, or of the noises alone. The points x_i of the kicks are found again from the state before the step. Weights
-!> are those of the forward step (step/splitting/coefficients), with dZ and K of the path.
+!> derivatives by parameters taken off, or of the noises alone. The points x_i of the kicks are found again from the
+!> state before the step. Weights are those of the forward step (step/splitting/coefficients), with dZ and K of the
+!> path.
 !>
 !> Products of gradients in kicks (step/splitting/products.inc) are Hess F M^-1 G_q, with F = G = V, or with noises F
 !> and sums G of noises. Their derivative along v holds third derivatives of F:
@@ -26,12 +27,12 @@ module symsde_step_linear_kicks
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_base_traits, only: model_traits
    use symsde_noise_decay_law, only: decay_integral
    use symsde_scheme_kicks, only: flow_free, flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none, frame_rotation, splitting_form
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_linear_legs, only: leg_flow, linear_legs, new_linear_legs, midpoint_legs, new_midpoint_legs
+   use symsde_step_linear_legs, only: leg_flow, find_linear, linear_legs, new_linear_legs, midpoint_legs, &
+                                      new_midpoint_legs
    use symsde_step_linear_linear_step, only: linear_step, keep_parameters
    use symsde_step_open_linear_flow, only: damped_field
    use symsde_step_open_linear_noise, only: has_linear_law
@@ -97,13 +98,15 @@ contains
          why = 'has momenta that decay by several rates, or at kicks'
       else if (by_parameters .and. .not. is_free .and. &
                has_linear_law(task%scheme, task%model%traits, task%damping, task%damping_noise)) then
-         why = 'adds the exact noise of damped flows, which changes with parameters: damping_noise="polynomial" adds none'
+         why = 'adds the exact noise of damped flows, which changes with parameters: '// &
+               'damping_noise="polynomial" adds none'
       else if (allocated(second) .and. task%model%traits%kicks_of_actions) then
          why = 'has kicks that turn planes (q, p) by functions of the actions'
       else if (allocated(second) .and. size(second, 1) > most_rows) then
          why = 'has linear flows of more than 128 degrees of freedom'
       else if (allocated(second) .and. by_parameters .and. .not. allocated(slopes)) then
-         why = 'has linear flows, whose derivatives by parameters formulas give'
+         why = 'has linear flows, whose derivatives by these parameters are not known: formulas give them where S is '// &
+               'smooth'
       else if (.not. wide%traits%position_noise .or. (is_free .and. .not. wide%traits%separable)) then
          why = 'has drifts that a parameter of the kinetic energy changes'
       else
@@ -129,42 +132,14 @@ contains
 
    end subroutine why_no_kicks
 
-   !> S of the linear flows between the kicks of a task, and its derivatives by parameters; not allocated where there are
-   !> none, or are not known.
-   subroutine find_linear(task, wide, second, slopes)
-      type(stepper_task), intent(in) :: task
-      type(model_traits), intent(in) :: wide
-      real(wp), allocatable, intent(out) :: second(:, :), slopes(:, :, :)
-      integer :: i, k, n
-
-      n = task%model%traits%ndof
-      k = wide%ndof - n
-      if (task%scheme%kicks%flow == flow_rotation) then
-         allocate (second(2*n, 2*n), source=0.0_wp)
-         do i = 1, n
-            second(i, i) = task%model%traits%rotation(i)**2
-            second(n + i, n + i) = 1
-         end do
-         if (.not. (k == 0 .or. allocated(wide%rotation_slopes))) return
-         allocate (slopes(2*n, 2*n, k), source=0.0_wp)
-         do i = 1, merge(n, 0, k > 0)
-            slopes(i, i, :) = wide%rotation_slopes(i, :)
-         end do
-      else if (task%drifts_by_part()) then
-         second = task%model%traits%quadratic_part
-         if (k == 0) allocate (slopes(2*n, 2*n, 0))
-         if (k > 0 .and. allocated(wide%quadratic_slopes)) slopes = wide%quadratic_slopes
-      end if
-   end subroutine find_linear
-
    !> Make the linearised step for blocks of nlane lanes.
-   subroutine new_kicks_step(self, task, wide, nlane, midpoint, inner)
+   subroutine new_kicks_step(self, task, model, wide, nlane, midpoint)
       type(kicks_step), intent(out) :: self
       type(stepper_task), intent(in) :: task
+      class(model_type), intent(in), target :: model   !! the path's model, or a view that knows the lanes' paths
       class(model_type), intent(in), target :: wide
       integer, intent(in) :: nlane
-      type(stepper_task), intent(in), optional :: midpoint              !! the task of midpoint steps between kicks
-      class(linear_step), allocatable, intent(inout), optional :: inner !! their linearised step
+      class(linear_step), allocatable, intent(inout), optional :: midpoint !! linearised midpoint step between kicks
       type(linear_legs), allocatable :: linear
       type(midpoint_legs), allocatable :: by_midpoint
       integer :: i, n
@@ -185,9 +160,9 @@ contains
          allocate (self%x(nlane, n, size(c)))
       end associate
       call find_linear(task, wide%traits, self%second, self%slopes)
-      if (present(inner)) then
+      if (present(midpoint)) then
          allocate (by_midpoint)
-         call new_midpoint_legs(by_midpoint, midpoint, task, nlane, inner)
+         call new_midpoint_legs(by_midpoint, task, model, nlane, midpoint)
          call move_alloc(by_midpoint, self%legs)
       else if (allocated(self%second)) then
          allocate (linear)
@@ -294,7 +269,8 @@ contains
             call drift(self, step, i, self%y, self%at)
             call fade(self, step, i, self%y)
          else if (abs(self%tau(i)) > 0) then
-            call self%legs%move(i, step%t + reached*step%h, self%tau(i)*step%h, self%at, self%y, status)
+            call self%legs%move(i, step%t + reached*step%h, step%h, self%tau(i)*step%h, self%at, self%y, &
+                                status)
          end if
          if (i == size(self%tau)) exit
          reached = self%weights%kicks%c(i)

@@ -2,7 +2,7 @@
 !> Linearised flows between kicks that are no free drifts (step/splitting/drift, step/splitting/midpoint_drift).
 !>
 !> Exact flows of a quadratic part D = z.S z/2, or of declared frequencies, with decays of momenta: z' = A z with
-!> A = J S - gamma, over the time tau, once for all steps of one size,
+!> A = J S - gamma, over the time tau, matrices once for all steps of one size,
 !>
 !>    z <- R z          R = exp(tau A)       R_k = d exp(tau A)/d theta_k, with A_k = J S_k
 !>    lambda <- R^T lambda                   g_k <- g_k + lambda.R_k z,  lambda from behind the flow, z from before it
@@ -13,17 +13,22 @@
 !>
 !> Private to its family.
 module symsde_step_linear_legs
-   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_matrices, only: exponential_less_one
    use symsde_base_record, only: step_record
+   use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_kicks, only: flow_rotation
    use symsde_step_linear_linear_step, only: linear_step
-   use symsde_step_oracle_general, only: general_stepper, new_general_stepper
+   use symsde_step_open_linear_flow, only: linear_flow, new_linear_flow, hamiltonian_field
+   use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: leg_flow, linear_legs, new_linear_legs, midpoint_legs, new_midpoint_legs
+   public :: leg_flow, find_linear, linear_legs, new_linear_legs, midpoint_legs, new_midpoint_legs
+
+   real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries of R_k, as part of the largest
 
    !> The flows of a step, which keep the states before them, as `move` passes.
    type, abstract :: leg_flow
@@ -35,12 +40,12 @@ module symsde_step_linear_legs
    end type leg_flow
 
    abstract interface
-      !> Move (q, p) over the time tau from the time t on.
-      subroutine move_interface(self, leg, t, tau, q, p, status)
+      !> Move (q, p) over the time tau from the time t on, in a step of length h.
+      subroutine move_interface(self, leg, t, h, tau, q, p, status)
          import :: leg_flow, wp, i8
          class(leg_flow), intent(inout), target :: self
          integer, intent(in) :: leg
-         real(wp), intent(in) :: t, tau
+         real(wp), intent(in) :: t, h, tau
          real(wp), intent(inout) :: q(:, :), p(:, :)      !! (nlane, ndof)
          integer(i8), intent(inout) :: status(:)          !! (nlane)
       end subroutine move_interface
@@ -66,13 +71,12 @@ module symsde_step_linear_legs
 
    type, extends(leg_flow) :: linear_legs
       private
-      integer :: ndof = 0, nparameter = 0
+      type(linear_flow) :: flow, transposed         !! of A and of its transpose
       real(wp), allocatable :: field(:, :)          !! A (2 ndof, 2 ndof)
       real(wp), allocatable :: slopes(:, :, :)      !! A_k (2 ndof, 2 ndof, nparameter)
-      real(wp), allocatable :: duration(:)          !! tau of each leg, whose matrices follow (nleg)
-      real(wp), allocatable :: change(:, :, :)      !! R - 1 (2 ndof, 2 ndof, nleg)
+      real(wp), allocatable :: tau(:)               !! of each leg (nleg)
       real(wp), allocatable :: by(:, :, :, :)       !! R_k (2 ndof, 2 ndof, nparameter, nleg)
-      real(wp), allocatable :: x(:, :), y(:, :)     !! vectors before and behind a flow (nlane, 2 ndof)
+      real(wp), allocatable :: z(:, :), r(:, :)     !! a state, and R_k z (nlane, 2 ndof)
    contains
       procedure :: move => move_linearly
       procedure :: back => back_linearly
@@ -81,12 +85,11 @@ module symsde_step_linear_legs
 
    type, extends(leg_flow) :: midpoint_legs
       private
+      type(midpoint_flow) :: flow                        !! that of the run
       class(linear_step), allocatable, public :: step    !! linearised midpoint step
-      type(general_stepper) :: mover
       real(wp), allocatable :: rate(:)                   !! gamma (ndof); not allocated without damping
       real(wp), allocatable :: w(:, :)                   !! tau, and zero for noises (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :, :) :: q1, p1   !! states behind each midpoint step (nlane, ndof, nleg)
-      real(wp), allocatable, dimension(:, :) :: dq, dp   !! (nlane, ndof)
       real(wp), allocatable, dimension(:) :: t, tau      !! of each leg (nleg)
    contains
       procedure :: move => move_by_midpoint
@@ -97,64 +100,89 @@ module symsde_step_linear_legs
 
 contains
 
+   !> S of the linear flows between the kicks of a task, and its derivatives by parameters; not allocated where there are
+   !> none, or are not known.
+   subroutine find_linear(task, wide, second, slopes)
+      type(stepper_task), intent(in) :: task
+      type(model_traits), intent(in) :: wide
+      real(wp), allocatable, intent(out) :: second(:, :)      !! S (2 ndof, 2 ndof)
+      real(wp), allocatable, intent(out) :: slopes(:, :, :)   !! dS/dtheta_k (2 ndof, 2 ndof, nparameter)
+      integer :: i, k, n
+
+      n = task%model%traits%ndof
+      k = wide%ndof - n
+      if (task%scheme%kicks%flow == flow_rotation) then
+         allocate (second(2*n, 2*n), source=0.0_wp)
+         do i = 1, n
+            second(i, i) = task%model%traits%rotation(i)**2
+            second(n + i, n + i) = 1
+         end do
+         if (k > 0 .and. .not. allocated(wide%rotation_slopes)) return
+         allocate (slopes(2*n, 2*n, k), source=0.0_wp)
+         do i = 1, merge(n, 0, k > 0)
+            slopes(i, i, :) = wide%rotation_slopes(i, :)
+         end do
+      else if (task%drifts_by_part()) then
+         second = task%model%traits%quadratic_part
+         if (k == 0) allocate (slopes(2*n, 2*n, 0))
+         if (k > 0 .and. allocated(wide%quadratic_slopes)) slopes = wide%quadratic_slopes
+      end if
+   end subroutine find_linear
+
    !> Flows of a field A with the derivatives J S_k of A by parameters.
    subroutine new_linear_legs(self, nlane, nleg, field, slopes)
       type(linear_legs), intent(out) :: self
       integer, intent(in) :: nlane, nleg
       real(wp), intent(in) :: field(:, :)        !! A (2 ndof, 2 ndof)
       real(wp), intent(in) :: slopes(:, :, :)    !! S_k (2 ndof, 2 ndof, nparameter)
-      integer :: n
+      integer :: k, n
 
-      n = size(field, 1)/2
-      self%ndof = n
-      self%nparameter = size(slopes, 3)
+      n = size(field, 1)
       self%field = field
-      allocate (self%slopes(2*n, 2*n, self%nparameter))
-      self%slopes(:n, :, :) = slopes(n + 1:, :, :)
-      self%slopes(n + 1:, :, :) = -slopes(:n, :, :)
-      allocate (self%duration(nleg), self%change(2*n, 2*n, nleg), self%by(2*n, 2*n, self%nparameter, nleg), &
-                source=0.0_wp)
-      allocate (self%x(nlane, 2*n), self%y(nlane, 2*n), self%q0(nlane, n, nleg), self%p0(nlane, n, nleg))
+      allocate (self%slopes, mold=slopes)
+      do k = 1, size(slopes, 3)
+         self%slopes(:, :, k) = hamiltonian_field(slopes(:, :, k))
+      end do
+      call new_linear_flow(self%flow, field, nleg)
+      call new_linear_flow(self%transposed, transpose(field), nleg)
+      allocate (self%tau(nleg), self%by(n, n, size(slopes, 3), nleg), source=0.0_wp)
+      allocate (self%z(nlane, n), self%r(nlane, n), self%q0(nlane, n/2, nleg), self%p0(nlane, n/2, nleg))
    end subroutine new_linear_legs
 
-   !> The matrices of a leg.
+   !> R_k of a leg over the time tau.
    subroutine set_leg(self, leg, tau)
       type(linear_legs), intent(inout) :: self
       integer, intent(in) :: leg
       real(wp), intent(in) :: tau
       real(wp), allocatable :: both(:, :), found(:, :)
+      real(wp) :: least
       integer :: k, n
 
-      n = 2*self%ndof
-      self%duration(leg) = tau
-      call exponential_less_one(n, self%field, tau, self%change(:, :, leg))
-      do k = 1, self%nparameter
-         if (.not. maxval(abs(self%slopes(:, :, k))) > 0) cycle
+      n = size(self%field, 1)
+      self%tau(leg) = tau
+      do k = 1, size(self%slopes, 3)
+         if (.not. any(abs(self%slopes(:, :, k)) > 0)) cycle
          if (.not. allocated(both)) allocate (both(2*n, 2*n), found(2*n, 2*n), source=0.0_wp)
          both(:n, :n) = self%field
          both(n + 1:, n + 1:) = self%field
          both(:n, n + 1:) = self%slopes(:, :, k)
          call exponential_less_one(2*n, both, tau, found)
-         self%by(:, :, k, leg) = found(:n, n + 1:)
+         least = negligible*maxval(abs(found(:n, n + 1:)))
+         self%by(:, :, k, leg) = merge(found(:n, n + 1:), 0.0_wp, abs(found(:n, n + 1:)) > least)
       end do
    end subroutine set_leg
 
-   subroutine move_linearly(self, leg, t, tau, q, p, status)
+   subroutine move_linearly(self, leg, t, h, tau, q, p, status)
       class(linear_legs), intent(inout), target :: self
       integer, intent(in) :: leg
-      real(wp), intent(in) :: t, tau
+      real(wp), intent(in) :: t, h, tau
       real(wp), intent(inout) :: q(:, :), p(:, :)
       integer(i8), intent(inout) :: status(:)
 
-      if (abs(tau - self%duration(leg)) > 0) call set_leg(self, leg, tau)
+      if (abs(tau - self%tau(leg)) > 0) call set_leg(self, leg, tau)
       self%q0(:, :, leg) = q
       self%p0(:, :, leg) = p
-      self%x(:, :self%ndof) = q
-      self%x(:, self%ndof + 1:) = p
-      self%y = self%x
-      call add_rows(size(q, 1), 2*self%ndof, self%change(:, :, leg), self%x, self%y)
-      q = self%y(:, :self%ndof)
-      p = self%y(:, self%ndof + 1:)
+      call turn(self%flow, leg, tau, q, p)
    end subroutine move_linearly
 
    subroutine back_linearly(self, leg, u, c, status)
@@ -162,24 +190,14 @@ contains
       integer, intent(in) :: leg
       real(wp), intent(inout) :: u(:, :), c(:, :)
       integer(i8), intent(inout) :: status(:)
-      integer :: i, k, n
+      integer :: k, n
 
-      n = self%ndof
-      self%x(:, :n) = self%q0(:, :, leg)
-      self%x(:, n + 1:) = self%p0(:, :, leg)
-      do k = 1, self%nparameter
-         self%y = 0
-         call add_rows(size(c, 1), 2*n, self%by(:, :, k, leg), self%x, self%y)
-         do i = 1, n
-            u(:, n + k) = u(:, n + k) + (u(:, i)*self%y(:, i) + (c(:, i)*self%y(:, n + i)))
-         end do
+      n = size(c, 2)
+      do k = 1, size(self%by, 3)
+         call change_by(self, leg, k)
+         u(:, n + k) = u(:, n + k) + sum(u(:, :n)*self%r(:, :n) + c*self%r(:, n + 1:), dim=2)
       end do
-      self%x(:, :n) = u(:, :n)
-      self%x(:, n + 1:) = c
-      self%y = self%x
-      call add_columns(size(c, 1), 2*n, self%change(:, :, leg), self%x, self%y)
-      u(:, :n) = self%y(:, :n)
-      c = self%y(:, n + 1:)
+      call turn(self%transposed, leg, self%tau(leg), u(:, :n), c)
    end subroutine back_linearly
 
    subroutine forth_linearly(self, leg, vq, vp, status)
@@ -189,61 +207,96 @@ contains
       integer(i8), intent(inout) :: status(:)
       integer :: j, k, n
 
-      n = self%ndof
-      do j = 1, size(vq, 3)
-         self%x(:, :n) = vq(:, :n, j)
-         self%x(:, n + 1:) = vp(:, :, j)
-         self%y = self%x
-         call add_rows(size(vq, 1), 2*n, self%change(:, :, leg), self%x, self%y)
-         do k = 1, self%nparameter
-            self%x(:, :n) = self%q0(:, :, leg)*spread(vq(:, n + k, j), 2, n)
-            self%x(:, n + 1:) = self%p0(:, :, leg)*spread(vq(:, n + k, j), 2, n)
-            call add_rows(size(vq, 1), 2*n, self%by(:, :, k, leg), self%x, self%y)
+      n = size(vp, 2)
+      do j = 1, size(vp, 3)
+         call turn(self%flow, leg, self%tau(leg), vq(:, :n, j), vp(:, :, j))
+      end do
+      do k = 1, size(self%by, 3)
+         call change_by(self, leg, k)
+         do j = 1, size(vp, 3)
+            vq(:, :n, j) = vq(:, :n, j) + self%r(:, :n)*spread(vq(:, n + k, j), 2, n)
+            vp(:, :, j) = vp(:, :, j) + self%r(:, n + 1:)*spread(vq(:, n + k, j), 2, n)
          end do
-         vq(:, :n, j) = self%y(:, :n)
-         vp(:, :, j) = self%y(:, n + 1:)
       end do
    end subroutine forth_linearly
 
+   !> (q, p) <- exp(tau A) (q, p) of a flow.
+   subroutine turn(flow, leg, tau, q, p)
+      type(linear_flow), intent(inout) :: flow
+      integer, intent(in) :: leg
+      real(wp), intent(in) :: tau
+      real(wp), intent(inout) :: q(:, :), p(:, :)                 !! (nlane, ndof)
+      real(wp), dimension(size(p, 1), size(p, 2)) :: dq, dp
+
+      dq = 0
+      dp = 0
+      call flow%move(leg, tau, size(p, 1), size(p, 2), q, p, dq, dp)
+      q = q + dq
+      p = p + dp
+   end subroutine turn
+
+   !> r = R_k z of the state before a leg.
+   subroutine change_by(self, leg, k)
+      type(linear_legs), intent(inout) :: self
+      integer, intent(in) :: leg, k
+      integer :: i, j, n
+
+      n = size(self%q0, 2)
+      self%z(:, :n) = self%q0(:, :, leg)
+      self%z(:, n + 1:) = self%p0(:, :, leg)
+      self%r = 0
+      do j = 1, 2*n
+         do i = 1, 2*n
+            if (abs(self%by(i, j, k, leg)) > 0) &
+               call add_times(size(self%z, 1), self%by(i, j, k, leg), self%z(:, j), self%r(:, i))
+         end do
+      end do
+   end subroutine change_by
+
    !> Midpoint steps of a task of kicks between them; step: the linearised midpoint step of its model.
-   subroutine new_midpoint_legs(self, task, whole, nlane, step)
+   subroutine new_midpoint_legs(self, task, model, nlane, step)
       type(midpoint_legs), intent(out) :: self
-      type(stepper_task), intent(in) :: task           !! the same task with the scheme midpoint, without damping
-      type(stepper_task), intent(in) :: whole          !! the task with the scheme of kicks
+      type(stepper_task), intent(in) :: task           !! the task with the scheme of kicks
+      class(model_type), intent(in), target :: model   !! the path's model, or a view that knows the lanes' paths
       integer, intent(in) :: nlane
       class(linear_step), allocatable, intent(inout) :: step
+      type(stepper_task) :: whole
       integer :: n, nleg
 
-      n = task%model%traits%ndof
-      nleg = size(whole%scheme%kicks%c) + 1
+      n = model%traits%ndof
+      nleg = size(task%scheme%kicks%c) + 1
+      whole = task
+      whole%model => model
+      whole%nlane = nlane
+      call new_midpoint_flow(self%flow, whole)
       call move_alloc(step, self%step)
-      call new_general_stepper(self%mover, task%model, task%scheme, task%correction, nlane, task%newton, damping_type())
-      if (whole%damping%acts()) self%rate = whole%damping%rate
-      allocate (self%w(nlane, 0:task%model%traits%nnoise), source=0.0_wp)
+      if (task%damping%acts()) self%rate = task%damping%rate
+      allocate (self%w(nlane, 0:model%traits%nnoise), source=0.0_wp)
       allocate (self%q0(nlane, n, nleg), self%p0(nlane, n, nleg), self%q1(nlane, n, nleg), self%p1(nlane, n, nleg))
-      allocate (self%dq(nlane, n), self%dp(nlane, n), self%t(nleg), self%tau(nleg), source=0.0_wp)
+      allocate (self%t(nleg), self%tau(nleg), source=0.0_wp)
    end subroutine new_midpoint_legs
 
-   subroutine move_by_midpoint(self, leg, t, tau, q, p, status)
+   subroutine move_by_midpoint(self, leg, t, h, tau, q, p, status)
       class(midpoint_legs), intent(inout), target :: self
       integer, intent(in) :: leg
-      real(wp), intent(in) :: t, tau
+      real(wp), intent(in) :: t, h, tau
       real(wp), intent(inout) :: q(:, :), p(:, :)
       integer(i8), intent(inout) :: status(:)
-      type(step_record) :: step
+      real(wp), dimension(size(p, 1), size(p, 2)) :: dq, dp
 
       self%t(leg) = t
       self%tau(leg) = tau
-      call fade(self, leg, p)
-      self%q0(:, :, leg) = q
-      self%p0(:, :, leg) = p
-      call self%show(leg, step)
-      call self%mover%increment(step, self%q0(:, :, leg), self%p0(:, :, leg), self%dq, self%dp, status)
-      q = q + self%dq
-      p = p + self%dp
-      self%q1(:, :, leg) = q
-      self%p1(:, :, leg) = p
-      call fade(self, leg, p)
+      dq = 0
+      dp = 0
+      associate (flow => self%flow)
+         call flow%move(leg, t, h, tau, q, p, dq, dp, status)
+         self%q0(:, :, leg) = flow%x
+         self%p0(:, :, leg) = flow%y
+         self%q1(:, :, leg) = flow%x + flow%dx
+         self%p1(:, :, leg) = flow%y + flow%dy
+      end associate
+      q = q + dq
+      p = p + dp
    end subroutine move_by_midpoint
 
    subroutine back_by_midpoint(self, leg, u, c, status)
@@ -303,33 +356,5 @@ contains
          x(:, i) = exp(-0.5_wp*self%rate(i)*self%tau(leg))*x(:, i)
       end do
    end subroutine fade
-
-   !> y_i <- y_i + sum_j a_ij x_j
-   pure subroutine add_rows(nlane, n, a, x, y)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: a(n, n), x(nlane, n)
-      real(wp), intent(inout) :: y(nlane, n)
-      integer :: i, j
-
-      do i = 1, n
-         do j = 1, n
-            if (abs(a(i, j)) > 0) call add_times(nlane, a(i, j), x(:, j), y(:, i))
-         end do
-      end do
-   end subroutine add_rows
-
-   !> y_j <- y_j + sum_i a_ij x_i
-   pure subroutine add_columns(nlane, n, a, x, y)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: a(n, n), x(nlane, n)
-      real(wp), intent(inout) :: y(nlane, n)
-      integer :: i, j
-
-      do j = 1, n
-         do i = 1, n
-            if (abs(a(i, j)) > 0) call add_times(nlane, a(i, j), x(:, i), y(:, j))
-         end do
-      end do
-   end subroutine add_columns
 
 end module symsde_step_linear_legs

@@ -9,8 +9,6 @@
 !>
 !> This is a midpoint step of the model, with h = tau and all dW_k = 0, by one of the steppers for such steps; lanes
 !> that it cannot solve are rescued like those of any other step. The kicks then contain the noises only.
-!>
-!> Private to its family.
 module symsde_step_splitting_midpoint_drift
    use symsde_base_counters, only: counters_type
    use symsde_base_damping, only: damping_type
@@ -41,7 +39,7 @@ module symsde_step_splitting_midpoint_drift
       type(rescue_type) :: rescue                          !! rescue of lanes in which the stepper fails
       type(drift_flow) :: around                           !! decays before and after the step of each leg
       real(wp), allocatable :: w(:, :)                     !! weights: tau for H, zero for noises (nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! state of the path, its increments (nlane, ndof)
+      real(wp), allocatable, public, dimension(:, :) :: x, y, dx, dy  !! state before the step, increments (nlane, ndof)
       integer(i8), allocatable :: failed(:)                !! 1 if a lane had failed before, else -1 (nlane)
    contains
       procedure :: move

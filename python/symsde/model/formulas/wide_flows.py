@@ -4,7 +4,7 @@ quadratic part, and of the squares of the frequencies of a rotation.
 
 Entries of S are computed with complex numbers, so S(theta + ih) = S + ih dS to rounding for h = 1e-30: an exact
 derivative. Functions that are computed of real numbers alone, and a choice of S_qq that changes there, differ from
-quotients of differences, and are refused.
+quotients of differences: then nothing is told, and the library refuses such flows.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import IncompatibleError
 from ...native import checks, handles
 from ..definition import Model
 from ..open_system import copied
@@ -40,12 +39,11 @@ def with_slopes_of_flows(wide: FormulaModel, model: Model, positions: Positions)
     special = {name: values[name] + 0.1357 for name in dict.fromkeys(positions) if _is_special(values[name])}
     code = ((model._closed or model).with_parameters(**special) if special else model)._code
     split = model.traits.split is not None and model.traits.kicks == "positions"
-    found = []
-    for there, function in (
-        (split, code.part and functools.partial(_second, code.part)),
-        (model.traits.rotation is not None, code.squares),
-    ):
-        found.append(_slopes(function, values, positions, model.name) if there and function else None)
+    functions = (
+        code.part.of_complex if split and code.part else None,
+        code.squares if model.traits.rotation is not None else None,
+    )
+    found = [function and _slopes(function, values, positions) for function in functions]
     if all(x is None for x in found):
         return wide
     other = copied(wide)
@@ -59,13 +57,8 @@ def _is_special(value: object) -> bool:
     return np.ndim(value) == 0 and value in (0, 1, -1)
 
 
-def _second(part: object, values: list) -> np.ndarray:
-    """S for complex values."""
-    return part.of_complex(values)
-
-
-def _slopes(function: Callable, values: dict, positions: Positions, name: str) -> np.ndarray:
-    """Derivatives of a function of the values by all positions, (position, ..)."""
+def _slopes(function: Callable, values: dict, positions: Positions) -> np.ndarray | None:
+    """Derivatives of a function of the values by all positions, (position, ..); None where one is not known."""
     rows = []
     for k, key in enumerate(positions):
         site = k - positions.index(key) if key in positions.of_sites else None
@@ -73,10 +66,7 @@ def _slopes(function: Callable, values: dict, positions: Positions, name: str) -
         both = [np.real(function(_moved(values, key, site, x * _APART))) for x in (1, -1)]
         about = (both[0] - both[1]) / (2 * _APART)
         if not np.abs(about - exact).max() <= _CLOSE * max(1.0, np.abs(exact).max()):
-            raise IncompatibleError(
-                f"the linear flows between kicks of model {name} change with {key} in a way that has no derivative "
-                "here: ask for other parameters, or use midpoint"
-            )
+            return None
         rows.append(exact)
     return np.array(rows)
 
