@@ -69,8 +69,8 @@ module symsde_base_traits
       !> Noise of phases: every H_k is linear in the actions, sum_i s_i (q_i^2 + p_i^2)/2 with s_i numbers or functions
       !> of time.
       logical :: phase_noise = .false.
-      !> Of a model whose further positions are parameters theta_k: dS/dtheta_k of the quadratic part, and derivatives of
-      !> omega_i^2 of the stiff linear part, of the model without them (2 ndof, 2 ndof, k), (ndof, k).
+      !> Of a model whose further positions are parameters theta_k: dS/dtheta_k of the quadratic part, and derivatives
+      !> of omega_i^2 of the stiff linear part, of the model without them (2 ndof, 2 ndof, k), (ndof, k).
       real(wp), allocatable :: quadratic_slopes(:, :, :), rotation_slopes(:, :)
       type(force_traits) :: forces
    contains

@@ -249,8 +249,8 @@ contains
    end function symsde_model_set_quadratic_part
 
    !> Tell a model whose further positions are parameters how the linear flows between kicks of the model of ndof
-   !> degrees of freedom change with them: derivatives of S (2 ndof, 2 ndof) of the quadratic part, and of the squares of
-   !> the frequencies (ndof), for each parameter; NULL where there is no such flow. Refuses built-in models
+   !> degrees of freedom change with them: derivatives of S (2 ndof, 2 ndof) of the quadratic part, and of the squares
+   !> of the frequencies (ndof), for each parameter; NULL where there is no such flow. Refuses built-in models
    !> (incompatible).
    function symsde_model_set_flow_slopes(wide, ndof, second, squares, error) result(status) &
       bind(c, name='symsde_model_set_flow_slopes')
@@ -260,8 +260,9 @@ contains
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
       real(wp), pointer, contiguous :: given(:, :)
-      integer :: k
+      integer :: i, k
 
+      k = 0
       call find_callback_model(wide, known, 'symsde_model_set_flow_slopes', refusal)
       if (.not. allocated(refusal)) then
          k = known%traits%ndof - ndof
@@ -270,14 +271,24 @@ contains
                                              ' positions: give the degrees of freedom of the model without parameters')
       end if
       if (.not. allocated(refusal)) then
-         if (c_associated(second)) then
-            call view(second, 4_i8*ndof*ndof, int(k, i8), given)
-            known%traits%quadratic_slopes = reshape(given, [2*ndof, 2*ndof, k])
-         end if
-         if (c_associated(squares)) then
-            call view(squares, int(ndof, i8), int(k, i8), given)
-            known%traits%rotation_slopes = given
-         end if
+         associate (traits => known%traits, n => 2*ndof)
+            if (allocated(traits%quadratic_slopes)) deallocate (traits%quadratic_slopes)
+            if (allocated(traits%rotation_slopes)) deallocate (traits%rotation_slopes)
+            if (c_associated(second)) then
+               allocate (traits%quadratic_slopes(n, n, k))
+               call view(second, int(n, i8), int(n, i8)*k, given)
+               do i = 1, n*k
+                  traits%quadratic_slopes(:, 1 + modulo(i - 1, n), 1 + (i - 1)/n) = given(:, i)
+               end do
+            end if
+            if (c_associated(squares)) then
+               allocate (traits%rotation_slopes(ndof, k))
+               call view(squares, int(ndof, i8), int(k, i8), given)
+               do i = 1, k
+                  traits%rotation_slopes(:, i) = given(:, i)
+               end do
+            end if
+         end associate
       end if
       status = finish(refusal, error)
    end function symsde_model_set_flow_slopes

@@ -231,6 +231,10 @@ static void check_flow_slopes(void) {
    OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &k, last_q, NULL, value, by_q, by_p, status,
                            failed_step, NULL, &error));
    CHECK(fabs(by_q[PATHS] - worst) > 1e-6);
+   OK(symsde_model_set_flow_slopes(wide, 1, NULL, squares, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "derivatives by these parameters are not known",
+          symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &k, last_q, NULL, value, by_q, by_p, status,
+                               failed_step, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "ndof = 2 of 2 positions",
           symsde_model_set_flow_slopes(wide, 2, right, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "ndof = 0", symsde_model_set_flow_slopes(wide, 0, right, NULL, &error));

@@ -105,8 +105,8 @@ contains
       else if (allocated(second) .and. size(second, 1) > most_rows) then
          why = 'has linear flows of more than 128 degrees of freedom'
       else if (allocated(second) .and. by_parameters .and. .not. allocated(slopes)) then
-         why = 'has linear flows, whose derivatives by these parameters are not known: formulas give them where S is '// &
-               'smooth'
+         why = 'has linear flows, whose derivatives by these parameters are not known: formulas give them where '// &
+               'S is smooth'
       else if (.not. wide%traits%position_noise .or. (is_free .and. .not. wide%traits%separable)) then
          why = 'has drifts that a parameter of the kinetic energy changes'
       else

@@ -100,8 +100,8 @@ module symsde_step_linear_legs
 
 contains
 
-   !> S of the linear flows between the kicks of a task, and its derivatives by parameters; not allocated where there are
-   !> none, or are not known.
+   !> S of the linear flows between the kicks of a task, and its derivatives by parameters; not allocated where there
+   !> are none, or are not known.
    subroutine find_linear(task, wide, second, slopes)
       type(stepper_task), intent(in) :: task
       type(model_traits), intent(in) :: wide
