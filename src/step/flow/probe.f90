@@ -9,8 +9,8 @@
 !> Equations of a stiff step may have several roots, and the two sides may have found different ones. So if the results
 !> are far apart, the comparison is repeated with shorter steps, which have fewer roots, and in which a fault would
 !> still show. So it is where rounding explains the gap, as at angles so large that their last digits move the force:
-!> where the oracle's own steps, from states a few units of rounding away, are not much closer. Like every probe this one
-!> can refute, not prove.
+!> where the oracle's own steps, from states a few units of rounding away, are not much closer. Like every probe this
+!> one can refute, not prove.
 module symsde_step_flow_probe
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
