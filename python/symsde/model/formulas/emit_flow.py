@@ -21,7 +21,7 @@ STRIP = 128  #: number of lanes whose states stay in the nearest cache
 KICKS = {"gauss_dkdkd": 2, "verlet_kdk": 2, "chin4a": 4}  #: schemes -> sums of noises in a step, those of kicks and V
 MAX_NOISES = 8  #: most noises of steps by kicks, whose weights are kept for a group of steps
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
-CLOSED = ("lobatto2_swapped", "heun")  #: further explicit schemes, whose steps are generated for closed systems alone
+FURTHER = ("lobatto2_swapped", "heun")  #: further explicit schemes
 SAME = {"verlet_dkd_weak2": "lobatto2_swapped"}  #: kicks between drifts -> the scheme with the same step
 CORRECTED = "_corrected"  #: suffix of the name of a corrected scheme of the Euler pair
 DAMPED = ", damped"  #: end of the library's name of steps whose momenta decay
@@ -74,12 +74,12 @@ def flows(made: Derivatives) -> list[str]:
     few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
     if not few or "t" in _leaves(made, BLOCKS):
         return []
-    schemes = [*EXPLICIT, *CLOSED[:1], *_corrected(made)] if separable else []
+    schemes = [*EXPLICIT, *FURTHER[:1], *_corrected(made)] if separable else []
     if separable or made.problem.ndof == 1:
         schemes.append("midpoint")
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
-    schemes += CLOSED[1:] if schemes else []
+    schemes += FURTHER[1:] if schemes else []
     return [*schemes, *(_kicks(made) if separable and not made.is_split else [])]
 
 
@@ -169,7 +169,7 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
 
     damped: steps of momenta damped by one rate.
     """
-    schemes = [scheme for scheme in flows(made) if not (damped and scheme in CLOSED)]
+    schemes = flows(made)
     if not schemes:
         return ""
     kept = _kept(made) if "stormer_verlet" in schemes else []

@@ -107,15 +107,21 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
 #endif
 }
 
-/* half a drift, a kick, half a drift */
+/* half a drift, a kick, half a drift; of damped momenta half of the kick decays with them */
 INLINE lobatto2_swapped(LANE_IN, state *s, const int far) {
    int64_t beyond = drift(LANE_OF, s, 0.5, far);
+   lose(fade.whole, s);
+#if DAMPED
+   beyond |= kick(LANE_OF, s, FMA(0.5, fade.whole, 1), far);
+#else
    beyond |= kick(LANE_OF, s, 1, far);
+#endif
    return beyond | drift(LANE_OF, s, 0.5, far);
 }
 #endif
 
-/* the mean of the slopes at the state and at the end of an explicit step */
+/* the mean of the slopes at the state and at the end of an explicit step; the force of damped momenta that decays is that
+ * at the state */
 #if !SPLIT
 INLINE heun(LANE_IN, state *s, const int far) {
    state end = *s;
@@ -125,7 +131,13 @@ INLINE heun(LANE_IN, state *s, const int far) {
       end.q[k] += v[k];
       end.p[k] -= f[k];
    }
+   lose(fade.whole, &end);
    beyond |= force(LANE_OF, &end, g, far) | velocity(LANE_OF, &end, u, far);
+#if DAMPED
+   lose(fade.whole, s);
+   for (int k = 0; k < DOF; k++)
+      f[k] = FMA(fade.whole, f[k], f[k]);
+#endif
    for (int k = 0; k < DOF; k++) {
       s->q[k] = FMA(0.5, v[k] + u[k], s->q[k]);
       s->p[k] = FMA(-0.5, f[k] + g[k], s->p[k]);

@@ -413,7 +413,7 @@ def _decaying(code: Code) -> FormulaModel | None:
 
     They are a file of their own, since most models are closed and their compilation takes long.
     """
-    schemes = [x for x in code.whole_steps if x not in emit_flow.CLOSED] if code.compiled else []
+    schemes = code.whole_steps if code.compiled else []
     if code.decaying is None and schemes:
         made = code.derivatives
         compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
