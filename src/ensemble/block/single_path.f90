@@ -6,7 +6,6 @@ module symsde_ensemble_block_single_path
    use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_views_real_lanes, only: fits_real_lanes
    use symsde_step_factory, only: make_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -29,8 +28,9 @@ contains
       ! The only lane is a real path.
       stepper%ham%nreal = 1
       most = stepper%most_single
-      ! A user's function over lanes takes whole blocks from half a vector on. One or two freedoms have kernels.
-      if (fits_real_lanes(model) .and. model%traits%ndof > 2) most = min(most, lane_unit/2)
+      ! A user's function takes whole blocks from half a vector on, unless it was derived from formulas: these have
+      ! kernels for a single path.
+      if (model%traits%any_lanes .and. .not. model%passed%is_kept()) most = min(most, lane_unit/2)
       if (npath > most) deallocate (stepper)
    end subroutine new_single_path
 
