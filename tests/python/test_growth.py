@@ -15,7 +15,7 @@ from symsde.cli import command_line
 
 SCENE = """
 [model]
-name = "kubo"
+{model}
 [run]
 step = 0.05
 steps = {steps}
@@ -28,7 +28,7 @@ p0 = 0.0
 paths = {saved}
 {more}
 """
-GIVEN = {"steps": 20, "every": 10, "paths": 1024, "saved": "[0, 300, 900]", "more": ""}
+GIVEN = {"model": 'name = "kubo"', "steps": 20, "every": 10, "paths": 1024, "saved": "[0, 300, 900]", "more": ""}
 HISTOGRAM = '[[observe]]\nname = "x"\nkind = "histogram"\nof = "q_1"\nlow = -3\nhigh = 3\n'
 
 
@@ -167,6 +167,48 @@ def test_sizes_ask_for_sizes_alone(folder, capfd, given):
     assert "or give --grow, which adds what is more: moments of all paths are computed anew" in capfd.readouterr().err
     assert go("--paths", "1280", "--grow") == 0
     require_whole(folder, paths=1280, **given)
+
+
+def in_another(*arguments):
+    """Exit code and errors of the command line in another process, which loads the files as they are now."""
+    command = [sys.executable, "-m", "symsde", *arguments, "--allow-python"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    return done.returncode, done.stderr
+
+
+def test_observables_in_python(folder):
+    """New functions, and functions that have changed, are new observables; the folder gets their files."""
+    run = ("run", "scene.toml", "--quiet", "--out")
+    Path("own.py").write_text("def far(q, p):\n    return 1.0 * (q[0] > 0.4)\n", encoding="utf-8")
+    write(more='[observables]\nfar = {python = "own:far"}\n')
+    assert in_another(*run, "out", "--grow") == (0, "")
+    Path("own.py").write_text("def far(q, p):\n    return 1.0 * (q[0] > 0.2)\n", encoding="utf-8")
+    assert in_another(*run, "out")[0] == command_line.BAD_INPUT
+    assert in_another(*run, "out", "--grow") == (0, "")
+    assert Path("out/own.py").read_bytes() == Path("own.py").read_bytes()
+    assert in_another(*run, "whole", "--shard-paths", "256") == (0, "")
+    rows = [
+        [x for x in Path(f"{x}/moments.csv").read_text(encoding="utf-8").splitlines() if x[0] != "#"]
+        for x in ("out", "whole")
+    ]
+    assert rows[0] == rows[1] and len(rows[0]) > 2
+    assert in_another("plot", "out")[0] == 0
+
+
+def test_another_model_in_python(tmp_path, monkeypatch):
+    """A file that the model comes from may not change; another one may be added."""
+    monkeypatch.chdir(tmp_path)
+    run = ("run", "scene.toml", "--quiet", "--out")
+    write(model='python = "made:kubo"')
+    Path("made.py").write_text("import symsde as ss\n\n\ndef kubo():\n    return ss.models.kubo()\n", encoding="utf-8")
+    assert in_another(*run, "made") == (0, "")
+    Path("own.py").write_text("def far(q, p):\n    return 1.0 * (q[0] > 0.4)\n", encoding="utf-8")
+    write(model='python = "made:kubo"', more='[observables]\nfar = {python = "own:far"}\n')
+    assert in_another(*run, "made", "--grow") == (0, "")
+    with Path("made.py").open("a", encoding="utf-8") as file:
+        file.write("# a word\n")
+    code, told = in_another(*run, "made", "--grow")
+    assert code == command_line.BAD_INPUT and "python_sha256.made.py" in told
 
 
 def test_refusals(folder, capfd):

@@ -97,7 +97,7 @@ class RunFolder:
             for name, source in manifest.files_beside(scene):
                 (target / name).parent.mkdir(parents=True, exist_ok=True)
                 parts.sweep((target / name).parent)
-                files.write_durably(target / name, source.read_bytes())
+                files.write_durably(target / name, source.read_bytes(), keep=here)
         if not files.write_durably(target / manifest.NAME, manifest.to_bytes(record)):
             manifest.require_same(manifest.read(target), record, target)
         (target / "shards").mkdir(exist_ok=True)

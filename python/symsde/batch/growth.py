@@ -22,7 +22,8 @@ from .pieces import Piece
 from .scene import Scene
 
 KEY = "grown_from"  #: entry of manifests
-_OBSERVING = ("inputs.observables.", "inputs.observe", "inputs.computed.functions.")
+_PYTHON = "inputs.python_sha256"
+_OBSERVING = ("inputs.observables", "inputs.observe", "inputs.computed.functions", _PYTHON)
 _KEEPS = "inputs.output.keep_last"
 _CUTS = ("inputs.output.",)  #: which paths are saved: shards tell by themselves which paths they hold
 
@@ -59,7 +60,7 @@ def record_of(
         manifest.require_same(there, here, folder)
     old, new = there["inputs"]["run"], here["inputs"]["run"]
     found = _beside(there, scene, size, old)
-    if found is None or not all(key.startswith(_OBSERVING + _CUTS) for key in found):
+    if found is None or not all(key.startswith(_OBSERVING + _CUTS) for key in found) or _may_be_another(there, here):
         manifest.require_same(there, here, folder)
     for key in ("paths", "steps"):
         if new[key] < old[key]:
@@ -92,6 +93,12 @@ def _beside(there: Mapping[str, Any], scene: Scene, size: int, old: Mapping[str,
     except SymsdeError:
         return None
     return manifest.keys_of_differences(there, same)
+
+
+def _may_be_another(there: Mapping[str, Any], here: Mapping[str, Any]) -> bool:
+    """Whether a Python file has changed that the model may use; files of one of the runs alone are of observables."""
+    old, new = (record["inputs"].get("python_sha256", {}) for record in (there, here))
+    return "python" in here["inputs"]["model"] and any(old[name] != new[name] for name in old if name in new)
 
 
 def _is_said(found: Sequence[str], old: Mapping[str, Any], new: Mapping[str, Any], more: Mapping[str, int]) -> bool:
