@@ -14,6 +14,7 @@ module symsde_base_lanes
    integer, parameter :: lane_unit = 8         !! every nlane is a multiple of this
    integer, parameter :: default_nlane = 256   !! lanes of a block of small systems
    integer, parameter :: block_values = 65536  !! real numbers that a block's main arrays may hold
+   integer, parameter :: near_values = 1024    !! real numbers of one array in the nearest cache
 
 contains
 
@@ -24,12 +25,18 @@ contains
       padded = ((n + lane_unit - 1)/lane_unit)*lane_unit
    end function padded
 
-   !> Default number of lanes: 256, fewer for large systems, so that a block stays in cache.
+   !> Default number of lanes: 256, for larger systems 128 or 64, so that an array of one number for each degree of
+   !> freedom stays in the nearest cache, and fewer if the block would not stay in the next.
    pure integer function lanes_for(ndof, npath)
       integer, intent(in) :: ndof      !! degrees of freedom
       integer(i8), intent(in) :: npath !! paths of the run
+      integer, parameter :: enough = 64  ! with fewer lanes, calls of kernels take a considerable part of a step
 
-      lanes_for = max(lane_unit, min(default_nlane, block_values/max(ndof*16, 1)/lane_unit*lane_unit))
+      lanes_for = default_nlane
+      do while (lanes_for > enough .and. lanes_for > near_values/max(ndof, 1))
+         lanes_for = lanes_for/2
+      end do
+      lanes_for = max(lane_unit, min(lanes_for, block_values/max(ndof*16, 1)/lane_unit*lane_unit))
       if (npath < lanes_for) lanes_for = padded(int(max(npath, 1_i8)))
    end function lanes_for
 
@@ -37,10 +44,9 @@ contains
    !> divide nlane, at least `least` lanes. A single lane is its own group.
    pure integer function lanes_together(nlane, ndof, least) result(width)
       integer, intent(in) :: nlane, ndof, least
-      integer, parameter :: cached = 1024  ! numbers of one array
 
       width = nlane
-      do while (mod(nlane, width) /= 0 .or. (width*ndof > cached .and. width > least))
+      do while (mod(nlane, width) /= 0 .or. (width*ndof > near_values .and. width > least))
          width = width - lane_unit
       end do
    end function lanes_together

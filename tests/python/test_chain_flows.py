@@ -52,7 +52,7 @@ def test_steps_are_those_of_the_general_stepper(name, scheme, rate):
 
 @pytest.mark.parametrize(("n", "most"), [(4, 2), (8, 3), (64, 4)])
 def test_few_paths_of_long_chains_go_one_by_one(n, most):
-    """A block of eight lanes takes two to six times one path, so few paths are taken one by one, more of long chains."""
+    """A block of eight lanes takes two to six times one path, so few paths go one by one, more of long chains."""
     model, run = ss.models.fpu_chain(n=n, sigma=0.3), {**RUN, "scheme": "stormer_verlet", "q0": 0.1}
     few, block = (ss.simulate(model, **run, paths=paths) for paths in (most, most + 1))
     assert (few.report.lanes, block.report.lanes) == (1, 8)

@@ -21,7 +21,7 @@ from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
 from .states.law import States
 
-_LIBRARY_LANES = 256  # most lanes of a block in the library
+_LIBRARY_LANES = 64  # lanes that a block of the library has at most for large systems
 _PYTHON_VALUES = 2048  # most numbers of an array passed to a Python function
 _COUNT = 2**47  # number of values of the random generator's counter of steps
 _ON_GRID = 1e-6  # distance from a step, in steps, of times that are typed
