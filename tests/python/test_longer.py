@@ -18,7 +18,7 @@ SCENE = """
 [run]
 step = {step}
 steps = {steps}
-save_every = 10
+{save}
 paths = {paths}
 seed = 3
 first_path = 512
@@ -28,7 +28,16 @@ keep_last = {keep}
 {more}
 """
 START = 'q0 = {law = "normal", mean = 0.5, sd = 0.2}\np0 = 0.1\n'
-GIVEN = {"model": 'name = "kubo"', "steps": 20, "paths": 1000, "run": START, "keep": "true", "more": "", "step": 0.05}
+GIVEN = {
+    "model": 'name = "kubo"',
+    "steps": 20,
+    "paths": 1000,
+    "run": START,
+    "keep": "true",
+    "more": "",
+    "step": 0.05,
+    "save": "save_every = 10",
+}
 OBSERVED = """
 [observables]
 r = "q_1**2 + p_1**2"
@@ -314,3 +323,43 @@ def test_what_it_takes(place, capfd):
     write()
     assert go() == 0
     assert ss.open_run("out").moments.n_ok[-1] == 1000
+
+
+def test_later_times_of_a_list(place, counted, capfd):  # noqa: F811
+    """Times after the end of a run go on from there, of moments and of saved paths; others are computed anew."""
+
+    def given(*times, steps, **others):
+        run = f"{START}save_at = {[0.05, 0.2, 0.5, *times]}"
+        return {"run": run, "steps": steps, "save": "", "more": "paths = [600, 700]", **others}
+
+    first, second, third = given(0.9, steps=20), given(0.9, 1.05, 1.5, steps=30), given(0.9, 1.05, 1.5, steps=40)
+    write(**first)
+    assert go() == 0
+    for chosen in (second, third):
+        write(**chosen)
+        assert go("--grow") == 0
+    assert counted == {"moments": 1000 * 40, "simulate": 2 * 40}
+    require_whole(place / "out", **third)
+    # Another time in the list of the third run; one after that list, but before the end of this run.
+    for finer, steps in ((given(0.9, 1.0, 1.5, 2.2, steps=50), 50), (given(0.9, 1.0, 1.5, 2.2, 2.3, steps=55), 55)):
+        write(**finer)
+        counted.update(moments=0, simulate=0)
+        assert go() == command_line.BAD_INPUT
+        assert "moments of all paths are computed anew, saved paths are computed anew" in capfd.readouterr().err
+        assert go("--grow") == 0
+        assert counted == {"moments": 1000 * steps, "simulate": 2 * steps}
+        require_whole(place / "out", **finer)
+
+
+def test_groups_of_unequal_times(place, counted, capfd):  # noqa: F811
+    """Groups are collected at the common divisor of the times, which changes: all paths are computed anew."""
+    how = {"model": KINDS["groups"]["model"], "save": ""}
+    write(run=START + "save_at = [0.2, 1.0]", **how)
+    assert go() == 0
+    more = {"run": START + "save_at = [0.2, 1.0, 1.25]", "steps": 25, **how}
+    write(**more)
+    assert go() == command_line.BAD_INPUT
+    assert "moments of all paths are computed anew" in capfd.readouterr().err
+    assert go("--grow") == 0
+    assert counted["moments"] == 1000 * 45
+    require_whole(place / "out", **more)

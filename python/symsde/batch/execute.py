@@ -114,7 +114,7 @@ def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
     """The shard of moments: from kept last states of a shorter run if there are any, else from the start."""
     options = task.of(piece, threads)
     before = checkpoint.read() if checkpoint and task.keep_last else None
-    if before is not None and longer.begins(options, task.observers, before):
+    if before is not None and longer.begins(options, task.observers, before, grouped=task.groups is not None):
         found = _longer(task, piece, options, tell, before)
         if found is not None:
             return found
@@ -124,7 +124,10 @@ def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
 def taken(task: Task, piece: Piece, checkpoint: Checkpoint) -> int:
     """Number of the path-steps of a piece that need not be taken again."""
     state = checkpoint.read() if piece.kind == "paths" or task.keep_last else None
-    if state is None or (piece.kind == "moments" and not longer.begins(task.options, task.observers, state)):
+    if state is None or (
+        piece.kind == "moments"
+        and not longer.begins(task.options, task.observers, state, grouped=task.groups is not None)
+    ):
         return 0
     return state.facts[longer.STEP] * piece.paths
 
@@ -135,7 +138,8 @@ def _longer(task: Task, piece: Piece, options: dict[str, Any], tell: Tell, befor
     here = longer.options_from(options, before)
     later = _moments_over(task, piece, here, lambda done, _: tell(already + done, piece.work))
     setup = make_setup(task.model_of(piece), **options)
-    if not longer.fits(before, later) or longer.may_have_grown(setup, before, later):
+    unequal = options.get("save_at") is not None
+    if not longer.fits(before, later, unequal=unequal) or longer.may_have_grown(setup, before, later):
         return None
     whole = _moments_over(task, piece, options, lambda *_: True)  # what is known before the first step
     kinds, groups = {name: x.KIND for name, x in task.observers.items()}, task.groups_of(piece)

@@ -78,7 +78,7 @@ def record_of(
         "moments": not any(key.startswith(_OBSERVING) for key in found),
         "paths": True,
     }
-    stays = {kind: x and _saves(old) == _saves(new) for kind, x in stays.items()}
+    stays = {kind: x and _saves_on(old, new) for kind, x in stays.items()}
     before = [{**x, **{kind: x[kind] and stays[kind] for kind in stays}} for x in there.get(KEY, ())]
     return {**here, KEY: [*before, {"run": stamp_of(there), "steps": old["steps"], **stays}]}
 
@@ -115,17 +115,29 @@ def _saves(run: Mapping[str, Any]) -> tuple:
     return run["save_every"], run.get("save_at")
 
 
+def _saves_on(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    """Whether a run saves what an earlier one saved, and beyond that only times after its end."""
+    if _saves(old) == _saves(new):
+        return True
+    first, then = old.get("save_at"), new.get("save_at")
+    if first is None or then is None or then[: len(first)] != first:
+        return False
+    steps = [(t - new["t0"]) / new["step"] - new["first_step"] for t in then[len(first) :]]
+    return all(round(n) > old["steps"] for n in steps)
+
+
 def _joins(record: Mapping[str, Any]) -> bool:
     """Whether the moments of a run go on from their last states."""
     inputs = record["inputs"]
     kinds = [table.get("kind", "") for table in inputs.get("observe", ())]
-    return manifest.keeps_last(record) and "save_at" not in inputs["run"] and longer.join(kinds)
+    unequal = "save_at" in inputs["run"] and "groups" in inputs["output"]
+    return manifest.keeps_last(record) and not unequal and longer.join(kinds)
 
 
 def _anew(found: Sequence[str], there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     """What is kept, and what is computed anew, in words."""
     old, new = there["inputs"]["run"], here["inputs"]["run"]
-    anew = _saves(old) != _saves(new)
+    anew = not _saves_on(old, new)
     observes, longer_now = any(key.startswith(_OBSERVING) for key in found), old["steps"] != new["steps"]
     has_moments, has_paths = (here["inputs"]["output"][kind] for kind in ("moments", "paths"))
     told = []

@@ -29,10 +29,12 @@ def join(kinds: Iterable[str]) -> bool:
     return all(kind in _JOINED for kind in kinds)
 
 
-def begins(options: Mapping[str, Any], observers: Mapping[str, Observer], state: Shard) -> bool:
-    """Whether a longer run begins at the end of a shard: not if a path of it failed, whose state is no start."""
+def begins(options: Mapping[str, Any], observers: Mapping[str, Observer], state: Shard, *, grouped: bool) -> bool:
+    """Whether a longer run begins at the end of a shard: not if a path of it failed, whose state is no start; nor if
+    groups are collected at the common divisor of unequal times, which changes with them."""
     whole = "last_q" in state.arrays and not state.facts["failed"] and not state.facts.get("stopped")
-    return whole and options.get("save_at") is None and join(x.KIND for x in observers.values())
+    unequal = options.get("save_at") is not None
+    return whole and not (unequal and grouped) and join(x.KIND for x in observers.values())
 
 
 def options_from(options: Mapping[str, Any], state: Shard) -> dict[str, Any]:
@@ -40,11 +42,17 @@ def options_from(options: Mapping[str, Any], state: Shard) -> dict[str, Any]:
     q, p, *low = (state.arrays.get(name) for name in LAST)
     begun = {"first_step": options.get("first_step", 0) + state.facts[STEP], "q0": q, "p0": p}
     here = {**options, **begun, "steps": int(options["steps"]) - state.facts[STEP]}
+    if options.get("save_at") is not None:
+        first = options.get("t0", 0.0) + begun["first_step"] * options["step"]
+        here["save_at"] = [first, *options["save_at"][len(state.arrays["t"]) :]]
     return here if low[0] is None else {**here, "q0_low": low[0], "p0_low": low[1]}
 
 
-def fits(before: Shard, later: Shard) -> bool:
-    """Whether the later moments begin with the row that the first ones end with."""
+def fits(before: Shard, later: Shard, *, unequal: bool) -> bool:
+    """Whether the later moments begin with the row that the first ones end with; where saved times are unequal, these
+    may have ended before their last state."""
+    if unequal and before.arrays["t"][-1] != later.arrays["t"][0]:
+        return True
     pairs = ((before.arrays[name][-1], later.arrays[name][0]) for name in _BY_TIME)
     return all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
