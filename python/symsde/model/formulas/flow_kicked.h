@@ -17,8 +17,8 @@ static void STEP_strip(const int lanes, const int nstep, const double *restrict 
       from = to;
       to = swap;
    }
-   if (from != x)
-      memcpy(x, from, sizeof other);
+   for (int k = 0; k < STEP_ROWS && from != x; k++)
+      memcpy(x + k * STRIP, from + k * STRIP, (size_t)lanes * sizeof *x);
 }
 
 /* The contract of symsde_flow in symsde.h. */

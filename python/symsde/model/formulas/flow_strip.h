@@ -22,6 +22,6 @@ static void STEP_strip(const int lanes, const int nstep, const int max_iter, con
       if (outcome < 0)
          break;
    }
-   if (from != x)
-      memcpy(x, from, sizeof other);
+   for (int k = 0; k < STEP_ROWS && from != x; k++)
+      memcpy(x + k * STRIP, from + k * STRIP, (size_t)lanes * sizeof *x);
 }
