@@ -244,7 +244,8 @@ int symsde_model_set_friction(symsde_model model, const double *friction, int al
 /* put a model into a heat bath: dp_i = .. - gamma_i p_i dt, and after the noises of the model one for each degree of freedom,
  * H_k = -sigma_i q_i with sigma_i^2 = 2 gamma_i m_i/beta_i; then exp(-beta H) is stationary, where the model has no other
  * noise. gamma [1/time] and beta = 1/kT [1/energy] are one number each, or one for each degree of freedom. Needs H =
- * sum_i p_i^2/(2 m_i) + U(q), declared as identity_mass or constant_mass. Functions of the model are set before */
+ * sum_i p_i^2/(2 m_i) + U(q), declared as identity_mass or constant_mass, with the same m_i on all
+ * paths. Functions and parameters by path of the model are set before */
 int symsde_model_thermostat(symsde_model model, int ngamma, const double *gamma, int nbeta, const double *beta,
                             symsde_error *error);
 /* let a force F(q,p,t) act on any model, dp = (-H_q + F) dt + .., or forces f_k on its noises, dp = .. + (-H_k,q + f_k) o

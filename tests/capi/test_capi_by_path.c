@@ -194,6 +194,61 @@ static void test_built_in_points_and_refusals(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* H = p^2/(2 m) + k q^2/2: k and 1/m by path */
+static int heavy_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          double *hq, double *hp, void *user) {
+   const symsde_lanes *lanes = user;
+   (void)ndof, (void)nham, (void)t;
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = w[i] * lanes->parameters[i] * q[i];
+      hp[i] = w[i] * lanes->parameters[nlane + i] * p[i];
+   }
+   return 0;
+}
+
+/* a bath takes the mass of all paths, whatever else goes by path: path i is that of the model with its row, and its noise
+ * that of the mass 1/inverse; the mass of a single path that differs is refused */
+static void test_mass_in_bath(void) {
+   static double values[2 * PATHS];
+   const double gamma = 0.4, beta = 2, inverse = 0.7, w[] = {0, 1};
+   double hq, first = 0;
+   symsde_model model = NULL;
+   symsde_options options = some_options();
+   symsde_traits traits;
+
+   for (int i = 0; i < PATHS; i++) {
+      values[i] = k[i];
+      values[PATHS + i] = inverse;
+   }
+   symsde_traits_init(&traits);
+   traits.ndof = 1;
+   traits.separable = traits.additive = traits.position_noise = traits.constant_mass = traits.quadratic = 1;
+   for (int i = -1; i < PATHS; i += i < 0 ? 1 : 37) {
+      const double row[] = {values[i < 0 ? 0 : i], inverse};
+      OK(symsde_model_new("heavy", &traits, heavy_gradient, NULL, NULL, NULL, NULL, &model, &error));
+      OK(symsde_model_set_parameters(model, 2, i < 0 ? PATHS : 1, i < 0 ? values : row, &error));
+      OK(symsde_model_thermostat(model, 1, &gamma, 1, &beta, &error));
+      options.paths = i < 0 ? PATHS : 1;
+      options.first_path = i < 0 ? 0 : i;
+      run(model, "chin4a", &options, i < 0 ? &a : &b);
+      for (int n = 0; i >= 0 && n < NTIME; n++)
+         CHECK(a.q[n * PATHS + i] == b.q[n] && a.p[n * PATHS + i] == b.p[n]);
+      if (i == 0) {
+         OK(symsde_model_gradient(model, 1, 0, w, &one, &zero, &hq, NULL, &error));
+         CHECK(fabs(hq * hq - 2 * gamma / (inverse * beta)) < 1e-14 && hq < 0);
+         first = b.q[NTIME - 1];
+      }
+      symsde_model_delete(&model);
+   }
+   CHECK(first == a.q[(NTIME - 1) * PATHS]);
+   values[2 * PATHS - 1] = 0.71;
+   OK(symsde_model_new("heavy", &traits, heavy_gradient, NULL, NULL, NULL, NULL, &model, &error));
+   OK(symsde_model_set_parameters(model, 2, PATHS, values, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "masses of model heavy differ from path to path|for each mass",
+          symsde_model_thermostat(model, 1, &gamma, 1, &beta, &error));
+   symsde_model_delete(&model);
+}
+
 static void test_refusals(void) {
    double s = 0.3;
    symsde_model model = new_oscillator(gradient, &s), other = NULL, kubo = new_kubo();
@@ -303,6 +358,7 @@ int main(void) {
    test_built_in("synchrotron", pendulum, "gauss_dkdkd", 2);
    test_built_in("kubo", oscillator, "midpoint", 0);
    test_built_in_points_and_refusals();
+   test_mass_in_bath();
    test_refusals();
    test_noise_paths();
    double s = 0.3;

@@ -317,8 +317,9 @@ def test_baths_of_formulas_take_whole_steps():
             np.testing.assert_allclose(found.p, known.p, rtol=0, atol=2e-13)
     assert list(mine._bath) == [1.0]
     bathed = ss.thermostat(plane, beta=1.0, gamma=RATE)
-    with pytest.raises(IncompatibleError, match="change the parameters of the model without friction"):
-        bathed.with_parameters(m=3.0)
+    heavy = bathed.with_parameters(m=3.0), ss.thermostat(plane.with_parameters(m=3.0), beta=1.0, gamma=RATE)
+    runs = [ss.simulate(x, q0=0.4, p0=-0.2, step=0.1, steps=5, seed=3, scheme="chin4a") for x in heavy]
+    np.testing.assert_array_equal(runs[0].p, runs[1].p)
     again = pickle.loads(pickle.dumps(bathed))
     runs = [ss.simulate(x, q0=0.4, p0=-0.2, step=0.1, steps=5, seed=3, scheme="chin4a") for x in (bathed, again)]
     np.testing.assert_array_equal(runs[0].p, runs[1].p)

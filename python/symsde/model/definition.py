@@ -241,8 +241,10 @@ class Model(OpenSystem):
         """The same model with other values of some parameters: numbers, or arrays (path,) with one for each path.
 
         For built-in models and models from formulas. With an array a built-in model is made from its formulas, and has
-        the same paths to rounding.
+        the same paths to rounding. In a heat bath with gamma the noise follows the masses (`symsde.thermostat`).
         """
+        if self._bathed:
+            return self._bathed_again(lambda bare: bare.with_parameters(**values))
         if self._remade is None or self._remade[0] != Model.builtin:
             raise IncompatibleError(
                 f"parameters of model {self.name!r} cannot be changed: make it again, from a model with other values"
@@ -260,10 +262,10 @@ class Model(OpenSystem):
         if self._closed is not None:
             if self._varying:
                 require_names(self.name, [self._varying.function])
-            return damped_again, (self._closed, self._damping, self._bath, self._fluctuating)
+            return damped_again, (self._closed, self._damping, self._bath, self._fluctuating, self._bathed)
         if self._unforced is not None and self._remade is self._unforced._remade:  # not those of formulas
             require_names(self.name, self._forces.functions().values())
-            return forced_again, (self._unforced, self._forces, self._bath, self._fluctuating)
+            return forced_again, (self._unforced, self._forces, self._bath, self._fluctuating, self._bathed)
         if self._remade is None:
             raise WrongTypeError(
                 f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
@@ -302,9 +304,9 @@ class Model(OpenSystem):
         """The number of paths for which there are values of parameters, one for each path; 0 = any number."""
         return max((x.size for x in self._parameters.values() if isinstance(x, np.ndarray) and x.size > 1), default=0)
 
-    def _part(self, _where: slice | np.ndarray) -> Model:
+    def _part(self, where: slice | np.ndarray) -> Model:
         """The model of some paths of a run, by their places in it; the same where no parameter goes by path."""
-        return self
+        return self._bathed_again(lambda bare: bare._part(where)) if self.paths and self._bathed else self
 
     ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
     nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")

@@ -32,6 +32,7 @@ class OpenSystem:
     _unforced: Self | None = None  #: for a model with forces the same model without them
     _closed: Self | None = None  #: for a damped model the same model without damping
     _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
+    _bathed: tuple | None = None  #: how a bath with gamma was made: a function, the model without it, gamma and beta
 
     def _require_own_friction(self) -> None:
         """Refuse to change parameters if the friction was computed from the noises and masses of the present ones."""
@@ -40,6 +41,12 @@ class OpenSystem:
                 f"the friction of model {self.name} belongs to its noises and masses, and so to these parameters: "
                 "change the parameters of the model without friction, then call thermostat"
             )
+
+    def _bathed_again(self, change: Callable[[Self], Self]) -> Self:
+        """The bath with the same gamma and beta around a changed model; its noises know the masses of that."""
+        make, bare, gamma, beta = self._bathed
+        other = make(change(bare), gamma, beta)
+        return other if self._forces == bare._forces else other._with_forces(self._forces)
 
     @property
     def damping(self) -> Damping:
@@ -200,15 +207,15 @@ class OpenSystem:
         if not self.damping:
             return other
         other = other.damped(self._asked, allow_gain=True)
-        return other._in_bath(self._bath, self._fluctuating) if self._bath else other
+        return other._in_bath(self._bath, self._fluctuating, self._bathed) if self._bath else other
 
     def _with_constant_forces(self, _strengths: np.ndarray) -> Self | None:
         """This model with noises -s_i q_i behind its own, if that is faster than what the library adds."""
         return None
 
-    def _in_bath(self, beta: tuple[float, ...], fluctuating: str) -> Self:
+    def _in_bath(self, beta: tuple[float, ...], fluctuating: str, bathed: tuple | None = None) -> Self:
         """This new model, with what is known of the bath that its friction and noises are."""
-        self._bath, self._fluctuating = beta, fluctuating
+        self._bath, self._fluctuating, self._bathed = beta, fluctuating, bathed
         return self
 
     @property

@@ -29,7 +29,8 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
 
     One additive noise H_{m+i} = -sigma_i q_i for each degree of freedom stands behind the m noises of the model; masses
     m_i are taken from it. With one beta exp(-beta H) is the stationary density; with several there is a flow of heat.
-    A model with noises of its own is heated by them, too: a warning says so.
+    A model with noises of its own is heated by them, too: a warning says so. All parameters but masses may go by path.
+    `with_parameters` gives a bath of the same gamma and beta, whose noise follows the masses.
 
     Without gamma the bath is made of the noises that the model has. Of H_k = -f_k.q with constant f_k it gets the
     friction on velocities that belongs to them, Gamma = beta/2 sum_k f_k f_k^T (`Model.damped`); of other noises in
@@ -45,11 +46,7 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
     if gamma is None:
         return _by_own_noises(model, beta)
     rates, betas = (_one_or_each(key, value, model.ndof) for key, value in (("gamma", gamma), ("beta", beta)))
-    noisy = _noisy(model, rates, betas)
-    own = _by_formulas(model, rates, betas)
-    if own is not None:
-        own._hamiltonians = noisy._hamiltonians
-    bathed = (own or noisy).damped(rates)._in_bath(betas, fluctuating="" if own is None else "noises")
+    bathed = _bathed(model, rates, betas)
     if model.traits.acting:
         checks.warn(
             f"model {model.name} has noises of its own, which heat it beside the bath: its temperature is above "
@@ -57,6 +54,16 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
             OwnNoiseWarning,
         )
     return bathed
+
+
+def _bathed(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> Model:
+    """A model with the friction and the noises of a bath."""
+    noisy = _noisy(model, gamma, beta)
+    own = _by_formulas(model, gamma, beta)
+    if own is not None:
+        own._hamiltonians = noisy._hamiltonians
+    made = _bathed, model, gamma, beta
+    return (own or noisy).damped(gamma)._in_bath(beta, fluctuating="" if own is None else "noises", bathed=made)
 
 
 def _by_own_noises(model: Model, beta: Any) -> Model:

@@ -137,7 +137,8 @@ def sweep(
         found.mean_q, found.se_mean_q        # (time, dof, value)
 
     - model: from formulas or built in, whose parameters go by path, so that all values are run side by side; or a
-      function that returns the model of its arguments, as `ss.models.fpu_chain`: values are run one after the other
+      function that returns the model of its arguments, as `ss.models.fpu_chain`: values are run one after the other, as
+      they are where parameters stand in formulas of forces or of damping, or are masses in a heat bath
     - values: name -> values of a parameter, (value,) each. All combinations are run; with zip=True the first values of
       all, then the second, ..
     - paths: of each value. Value k, counted with the last parameter fastest, has the paths first_path + k*paths .. ;
@@ -146,7 +147,8 @@ def sweep(
     - keep_paths: keep q and p, (time, dof, .., path), too
     - observables and the other arguments are those of `moments`; increments cannot be prescribed
 
-    A path has the bits of a run of it alone whose values are arrays of one. Failed paths are left out of means.
+    A path has the bits of a run of it alone whose values are arrays of one, or numbers where values are run one after
+    the other. Failed paths are left out of means.
     A progress function that returns True ends the sweep: values that were not reached have n_ok = 0 and NaN.
     """
     bar, tell = told_by(progress)
@@ -176,6 +178,8 @@ def sweep(
                 + ", ".join(f"{x}={x}" for x in chained)
                 + ")"
             )
+        if not _go_by_path(model, points):
+            many, model = False, model.with_parameters
 
     def made(here: slice) -> Model:
         """The model of some values, one for as many neighbouring paths each."""
@@ -207,6 +211,17 @@ def sweep(
         if bar:
             bar.close()
     return _told(result, report, doubts, failed, stopped=stopped)
+
+
+def _go_by_path(model: Model, points: Mapping[str, np.ndarray]) -> bool:
+    """Whether the model takes arrays of these parameters."""
+    try:
+        model.with_parameters(**{name: x[:2] for name, x in points.items()})
+    except IncompatibleError:
+        return False
+    except WrongShapeError:  # other parameters have arrays already
+        return True
+    return True
 
 
 def _told(result: Sweep, report: Report, doubts: dict[str, None], failed: int, *, stopped: bool) -> Sweep:

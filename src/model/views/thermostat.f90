@@ -11,8 +11,9 @@
 !> chains; second derivatives are those of the model. Degrees of freedom without friction have silent noises.
 module symsde_model_views_thermostat
    use symsde_base_damping, only: damping_type, new_damping
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_lane_paths, only: lane_paths
+   use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: strip_lanes
@@ -106,11 +107,6 @@ contains
       mass = 1
       if (allocated(error) .or. model%traits%identity_mass) return
       diagonal = .false.
-      if (model%traits%by_path) then
-         call raise(error, incompatible, 'new_thermostat', 'model '//model%name//' has parameters that go by path, '// &
-                    'and a mass beside the identity: the noise of a bath belongs to one mass for all paths')
-         return
-      end if
       ! A quadratic T(p) that does not change in time has a constant mass, too; linear terms are found below.
       if (model%traits%constant_mass .or. (model%traits%separable .and. model%traits%quadratic .and. &
                                            model%traits%autonomous)) then
@@ -128,7 +124,44 @@ contains
          return
       end if
       mass = 1/inverse
+      if (model%traits%npath == 0) return
+      if (.not. has_one_mass(model, x)) &
+         call raise(error, incompatible, 'new_thermostat', 'masses of model '//model%name//' differ from path to '// &
+                    'path, and the noise of a bath belongs to one mass for all paths: make a bath for each mass')
    end subroutine find_mass
+
+   !> Whether a model whose parameters go by path has the same velocities H_p on all paths, at a momentum whose
+   !> components all differ.
+   logical function has_one_mass(model, x) result(same)
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: x(1, model%traits%ndof)
+      real(wp) :: w(lane_unit, 0:model%traits%nnoise)
+      real(wp), dimension(lane_unit, model%traits%ndof) :: q, p, v, first
+      type(lane_paths), pointer :: paths
+      class(model_type), pointer :: told
+      integer(i8) :: row
+      integer :: i
+
+      same = .true.
+      allocate (paths)
+      call model%for_paths(paths, told)
+      if (associated(told)) then
+         w = 0
+         w(:, 0) = 1
+         do i = 1, size(p, 2)
+            q(:, i) = x(1, i)
+            p(:, i) = 1.5_wp + sin(1.7_wp*i)
+         end do
+         do row = 0, model%traits%npath - 1, lane_unit
+            call paths%begin([(min(row + i, model%traits%npath - 1), i=0, lane_unit - 1)], 0_i8, 1_i8)
+            call told%gradient(lane_unit, size(p, 2), model%traits%nnoise, 0.0_wp, w, q, p, hp=v)
+            if (row == 0) first = spread(v(1, :), 1, lane_unit)
+            same = same .and. all(abs(v - first) <= 0)
+         end do
+         deallocate (told)
+      end if
+      deallocate (paths)
+   end function has_one_mass
 
    !> Set traits and kernels of a model with its bath.
    subroutine dress(self, inner)

@@ -101,8 +101,10 @@ class FormulaModel(Model):
         """The same model with other values of some parameters, each a number or an array (path,).
 
         Nothing is derived or compiled again, except once where a parameter becomes 0, 1 or -1, which formulas fold, and
-        where the first parameter becomes an array.
+        where the first parameter becomes an array. In a heat bath with gamma the noise follows the masses.
         """
+        if self._bathed:
+            return self._bathed_again(lambda bare: bare.with_parameters(**values))
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
@@ -143,12 +145,12 @@ class FormulaModel(Model):
         if not self._by_formula:
             return super()._with_forces(forces)
         other = _damped(self._closed._with_forces(forces), self._code, self._by_formula)
-        return other._in_bath(self._bath, self._fluctuating) if self._bath else other
+        return other._in_bath(self._bath, self._fluctuating, self._bathed) if self._bath else other
 
     def _part(self, where: slice | np.ndarray) -> FormulaModel:
         """See `Model._part`."""
-        if not self.paths:
-            return self
+        if not self.paths or self._bathed:
+            return super()._part(where)
         values = {key: x[where] if np.size(x) > 1 else x for key, x in self._parameters.items()}
         return self._forced_too(_of_values(self._code, values, self._by_formula or self.damping or None))
 
@@ -178,7 +180,7 @@ class FormulaModel(Model):
     def _with_constant_forces(self, strengths: np.ndarray) -> FormulaModel | None:
         """By formulas, if these have whole steps: the noises are derived and compiled with the model."""
         code = self._code
-        if self._forces or self.paths or not (code.compiled and code.whole_steps):
+        if self._forces or not (code.compiled and code.whole_steps):
             return None
         make, (given,) = self._remade
         texts = [x for x in (given["H"], *given["noise"], *given["invariants"]) if isinstance(x, str)]

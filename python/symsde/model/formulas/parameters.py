@@ -61,7 +61,7 @@ def require_numbers(values: Mapping[str, Any], where: str) -> None:
         if np.ndim(value):
             raise IncompatibleError(
                 f"the parameter {name} is an array, and parameters {where} are the same for all paths: give a number, "
-                "and a run for each value"
+                "and a run for each value, as ss.sweep does"
             )
 
 
