@@ -330,7 +330,7 @@ def test_other_processes_grow_it_first(folder, monkeypatch, capfd):
     assert go("--paths", "1280") == 0
 
 
-def test_parts_grow_and_merge(tmp_path, monkeypatch):
+def test_parts_grow_and_merge(tmp_path, monkeypatch, capfd):
     """Merges parts that have grown to the bits of one run."""
     monkeypatch.chdir(tmp_path)
     write()
@@ -338,5 +338,10 @@ def test_parts_grow_and_merge(tmp_path, monkeypatch):
         assert go("--shard", part, out=f"part-{part[0]}") == 0
     for part in ("1/2", "2/2"):
         assert go("--shard", part, "--paths", "2000", out=f"part-{part[0]}") == 0
+    assert command_line.main(["merge", "part-1", "--out", "some", "--quiet"]) == command_line.BAD_INPUT
+    asked = capfd.readouterr().err.partition("`symsde ")[2].partition("`")[0].split()
+    assert "--paths=2000" in asked and command_line.main([*asked, "--quiet"]) == 0
+    require_whole(tmp_path / "some", paths=2000)
+    write()
     assert command_line.main(["merge", "part-1", "part-2", "--out", "out", "--quiet"]) == 0
     require_whole(tmp_path / "out", paths=2000)

@@ -40,7 +40,9 @@ def run(options: argparse.Namespace) -> int:
         sources = [RunFolder(folder, record, batch.pieces) for folder in folders]
         with RunFolder.open_to_write(options.out, record, batch.pieces, batch.scene) as whole:
             _gather(sources, whole)
-            _require_all(whole, options.allow_python)
+            own = batch.scene.tables["run"]
+            beyond = [f"--{key}={x}" for key, x in sizes.items() if own.get(key, 1) != x]
+            _require_all(whole, beyond + (["--allow-python"] if options.allow_python else []))
             return finish(batch, whole, options.quiet, time.monotonic() - begin)
 
 
@@ -71,11 +73,11 @@ def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
                 break
 
 
-def _require_all(whole: RunFolder, allow_python: bool) -> None:
-    """Refuse to merge an incomplete run: name the missing shards, and the commands that compute them."""
+def _require_all(whole: RunFolder, more: Sequence[str]) -> None:
+    """Refuse to merge an incomplete run: name the missing shards, and the commands that compute them, with more
+    options."""
     if missing := whole.missing():
-        trusted = ["--allow-python"] if allow_python else []
-        again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path), *trusted])
+        again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path), *more])
         parts = [f"`--shard {part}`" for part in share.parts_of(missing, whole.pieces)]
         by_parts = f"; they are what {_listed(parts)} of `symsde run` computes" if parts else ""
         raise SceneError(
