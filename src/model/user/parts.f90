@@ -19,9 +19,9 @@ module symsde_model_user_parts
    use symsde_base_kinds, only: wp, i4
    use symsde_base_maps, only: step_map, two_kicks_map, drift_kick_drift_map
    use symsde_base_record, only: steps_record
-   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_base_status, only: error_type, raise, incompatible, out_of_memory
    use symsde_base_traits, only: model_traits
-   use symsde_model_user_outputs, only: spoil
+   use symsde_model_user_outputs, only: little, find_room, spoil
    implicit none
    private
    public :: user_parts, drift_callback, kick_callback, refuse_declarations
@@ -92,13 +92,13 @@ contains
                     'or give a gradient, too')
    end subroutine refuse_declarations
 
-   !> Set both functions; c_null_funptr removes both.
+   !> Set both functions; c_null_funptr for both removes them.
    subroutine set(self, drift, kick)
       class(user_parts), intent(inout) :: self
       type(c_funptr), intent(in) :: drift, kick
 
       nullify (self%on_drift, self%on_kick)
-      if (.not. (c_associated(drift) .and. c_associated(kick))) return
+      if (.not. c_associated(drift)) return
       call c_f_procpointer(drift, self%on_drift)
       call c_f_procpointer(kick, self%on_kick)
    end subroutine set
@@ -165,40 +165,88 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
       real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
       integer(i4), intent(out) :: code
-      real(wp), parameter :: distance = sqrt(1/3.0_wp), first = 0.5_wp*(1 - distance)
-      real(wp), allocatable, dimension(:, :) :: x, y, u, v, w1, w2
-      real(wp) :: t
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: room(:)
+      integer :: n, m
+
+      n = steps%nlane*ndof
+      m = steps%nlane*(steps%nnoise + 1)
+      call find_room(4*n + 2*m, few, more, room)
+      code = out_of_memory
+      if (.not. associated(room)) return
+      code = 0
+      call walk(self, sure, map, steps, ndof, user, q, p, room(1:n), room(n + 1:2*n), room(2*n + 1:3*n), &
+                room(3*n + 1:4*n), room(4*n + 1:4*n + m), room(4*n + m + 1:4*n + 2*m), qn, pn, code)
+   end subroutine take
+
+   !> The same in given memory: states (x, y) and (u, v) take turns, from step to step, too.
+   subroutine walk(self, sure, map, steps, ndof, user, q, p, x, y, u, v, w1, w2, qn, pn, code)
+      class(user_parts), intent(in) :: self
+      logical, intent(in) :: sure
+      type(step_map), intent(in) :: map
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      type(c_ptr), intent(in) :: user
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out), dimension(steps%nlane, ndof) :: x, y, u, v
+      real(wp), intent(out), dimension(steps%nlane, 0:steps%nnoise) :: w1, w2
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i4), intent(inout) :: code
       integer :: s
 
-      associate (n => steps%nlane, m => steps%nnoise, h => steps%h)
-         allocate (x(n, ndof), y(n, ndof), u(n, ndof), v(n, ndof), w1(n, 0:m), w2(n, 0:m))
-         x = q
-         y = p
-         code = 0
-         do s = 1, steps%nstep
-            t = steps%t + (s - 1)*h
-            if (map%equation == two_kicks_map) then
-               call weigh(n, m, steps, s, w1, w2)
-               call self%drift(sure, n, ndof, t, first*h, x, y, user, u, v, code)
-               call self%kick(sure, n, ndof, m, t + first*h, w1, u, v, user, x, y, code)
-               call self%drift(sure, n, ndof, t + first*h, distance*h, x, y, user, u, v, code)
-               call self%kick(sure, n, ndof, m, t + (1 - first)*h, w2, u, v, user, x, y, code)
-               call self%drift(sure, n, ndof, t + (1 - first)*h, first*h, x, y, user, u, v, code)
-            else
-               w1 = steps%w(:, :, s)
-               call self%drift(sure, n, ndof, t, 0.5_wp*h, x, y, user, u, v, code)
-               call self%kick(sure, n, ndof, m, t + 0.5_wp*h, w1, u, v, user, x, y, code)
-               call self%drift(sure, n, ndof, t + 0.5_wp*h, 0.5_wp*h, x, y, user, u, v, code)
+      x = q
+      y = p
+      do s = 1, steps%nstep
+         if (mod(s, 2) == 1) then
+            call step(self, sure, map, steps, s, ndof, user, w1, w2, x, y, u, v, code)
+            if (mod(s, steps%every) == 0) then
+               qn(:, :, s/steps%every) = u
+               pn(:, :, s/steps%every) = v
             end if
-            call exchange(x, u)
-            call exchange(y, v)
+         else
+            call step(self, sure, map, steps, s, ndof, user, w1, w2, u, v, x, y, code)
             if (mod(s, steps%every) == 0) then
                qn(:, :, s/steps%every) = x
                pn(:, :, s/steps%every) = y
             end if
-         end do
+         end if
+      end do
+   end subroutine walk
+
+   !> Step s of the map, from (x, y) to (u, v).
+   subroutine step(self, sure, map, steps, s, ndof, user, w1, w2, x, y, u, v, code)
+      class(user_parts), intent(in) :: self
+      logical, intent(in) :: sure
+      type(step_map), intent(in) :: map
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: s, ndof
+      type(c_ptr), intent(in) :: user
+      real(wp), intent(out), dimension(steps%nlane, 0:steps%nnoise) :: w1, w2
+      real(wp), intent(inout), dimension(steps%nlane, ndof) :: x, y
+      real(wp), intent(out), dimension(steps%nlane, ndof) :: u, v
+      integer(i4), intent(inout) :: code
+      real(wp), parameter :: distance = sqrt(1/3.0_wp), first = 0.5_wp*(1 - distance)
+      real(wp) :: t
+
+      associate (n => steps%nlane, m => steps%nnoise, h => steps%h)
+         t = steps%t + (s - 1)*h
+         if (map%equation == two_kicks_map) then
+            call weigh(n, m, steps, s, w1, w2)
+            call self%drift(sure, n, ndof, t, first*h, x, y, user, u, v, code)
+            call self%kick(sure, n, ndof, m, t + first*h, w1, u, v, user, x, y, code)
+            call self%drift(sure, n, ndof, t + first*h, distance*h, x, y, user, u, v, code)
+            call self%kick(sure, n, ndof, m, t + (1 - first)*h, w2, u, v, user, x, y, code)
+            call self%drift(sure, n, ndof, t + (1 - first)*h, first*h, x, y, user, u, v, code)
+         else
+            w1 = steps%w(:, :, s)
+            call self%drift(sure, n, ndof, t, 0.5_wp*h, x, y, user, u, v, code)
+            call self%kick(sure, n, ndof, m, t + 0.5_wp*h, w1, u, v, user, x, y, code)
+            call self%drift(sure, n, ndof, t + 0.5_wp*h, 0.5_wp*h, x, y, user, u, v, code)
+         end if
       end associate
-   end subroutine take
+   end subroutine step
 
    !> VEC The weights of both kicks of step s. If all noises are silent no dZ is drawn, and all dW are zero.
    pure subroutine weigh(nlane, nnoise, steps, s, w1, w2)
@@ -216,23 +264,15 @@ contains
          w2(:, 1:) = 0
          return
       end if
-      do k = 1, nnoise
-         do lane = 1, nlane
-            a = steps%of(path_dz)%x(lane, k, s)/steps%h - 0.5_wp*steps%w(lane, k, s)
-            w1(lane, k) = 0.5_wp*steps%w(lane, k, s) + (root*a)
-            w2(lane, k) = 0.5_wp*steps%w(lane, k, s) - (root*a)
+      associate (w => steps%w, dz => steps%of(path_dz)%x)
+         do k = 1, nnoise
+            do lane = 1, nlane
+               a = dz(lane, k, s)/steps%h - 0.5_wp*w(lane, k, s)
+               w1(lane, k) = 0.5_wp*w(lane, k, s) + (root*a)
+               w2(lane, k) = 0.5_wp*w(lane, k, s) - (root*a)
+            end do
          end do
-      end do
+      end associate
    end subroutine weigh
-
-   !> Exchange two arrays without copies.
-   pure subroutine exchange(a, b)
-      real(wp), allocatable, intent(inout) :: a(:, :), b(:, :)
-      real(wp), allocatable :: c(:, :)
-
-      call move_alloc(a, c)
-      call move_alloc(b, a)
-      call move_alloc(c, b)
-   end subroutine exchange
 
 end module symsde_model_user_parts
