@@ -9,7 +9,7 @@ module symsde_scheme_needs
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: find_missing, by_parts
+   public :: find_missing, find_beside, by_parts
 
 contains
 
@@ -32,7 +32,8 @@ contains
          if (by_parts(scheme, traits)) return
          if (.not. traits%has_gradient) then
             if (needs%parts_will_do .and. traits%has_parts) then
-               missing = 'a system without forces, where flows of two parts of H (drift, kick) are all that is given'
+               missing = 'a system without forces, where flows of two parts of H (drift, kick) are all that is '// &
+                         'given: forces do not commute with kicks'
             else if (needs%quadratic_will_do) then
                missing = 'brackets {K_i, {K_j, D}} of kicks and drift, for which it takes second derivatives D_pp '// &
                          'by the momenta: two flows (drift, kick) do not tell them'
@@ -72,6 +73,30 @@ contains
          if (allocated(missing) .and. allocated(needs%why)) missing = missing//', because '//needs%why
       end associate
    end subroutine find_missing
+
+   !> What a model of two flows alone must get for the scheme, in words: a gradient, and the traits that it needs.
+   pure subroutine find_beside(scheme, traits, beside)
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+      character(:), allocatable, intent(out) :: beside
+
+      beside = 'a gradient, too'
+      associate (needs => scheme%needs)
+         if (traits%nnoise > 0 .and. needs%additive) then
+            beside = beside//', and the trait additive'
+         else if (traits%nnoise > 0 .and. needs%position_noise) then
+            beside = beside//', and the trait position_noise'
+         end if
+         if (needs%identity_mass) then
+            beside = beside//', and identity_mass'
+         else if (needs%quadratic_will_do) then
+            beside = beside//', and one of identity_mass, constant_mass and split'
+         else if (needs%constant_mass) then
+            beside = beside//', and identity_mass or constant_mass'
+         end if
+         if (needs%rotation) beside = beside//', and rotation'
+      end associate
+   end subroutine find_beside
 
    !> Whether flows of two parts of H, which the model gives, serve the scheme. Forces do not commute with kicks.
    pure logical function by_parts(scheme, traits)

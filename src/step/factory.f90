@@ -25,7 +25,7 @@ module symsde_step_factory
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_free, flow_midpoint
    use symsde_base_traits, only: model_traits
-   use symsde_scheme_needs, only: find_missing, by_parts
+   use symsde_scheme_needs, only: find_missing, find_beside, by_parts
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
                                    correction_increments, frame_shift, frame_mean_path, frame_rotation, ito_form, &
                                    galerkin_form, splitting_form, bracket_terms, frame_none
@@ -447,14 +447,19 @@ contains
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(error_type), allocatable, intent(inout) :: error
-      character(:), allocatable :: missing, instead
+      character(:), allocatable :: missing, instead, beside
 
       ! `missing` lists the missing traits in the words of the message.
       call find_missing(scheme, model%traits, missing)
       if (.not. allocated(missing)) return
       if (.not. model%traits%has_gradient) then
-         call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; use '// &
-                    'gauss_dkdkd, or verlet_dkd_weak2 for means, or give model '//model%name//' a gradient, too')
+         call find_beside(scheme, model%traits, beside)
+         instead = 'use gauss_dkdkd, or verlet_dkd_weak2 for means,'
+         ! These refuse forces and damped models.
+         if (model%traits%forces%act()) instead = 'leave the forces out,'
+         if (model%damping%acts()) instead = 'leave the damping out and use gauss_dkdkd,'
+         call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; '//instead// &
+                    ' or give model '//model%name//' '//beside)
          return
       end if
       instead = scheme%needs%instead
@@ -472,7 +477,7 @@ contains
       type(stepper_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
       type(model_traits) :: others
-      character(:), allocatable :: missing, why
+      character(:), allocatable :: missing, why, beside
 
       if (allocated(error) .or. .not. by_parts(task%scheme, task%model%traits)) return
       others = task%model%traits
@@ -480,7 +485,9 @@ contains
       call find_missing(task%scheme, others, missing)
       if (.not. allocated(missing)) return
       if (task%damping%acts()) then
-         why = 'is damped, and its flows drift and kick are those of a closed system: give them a model without damping'
+         call find_beside(task%scheme, others, beside)
+         why = 'is damped, and its flows drift and kick are those of a closed system: leave the damping out, or '// &
+               'give it '//beside
       else if (options%general) then
          why = 'gives the flows drift and kick, of which the general stepper knows nothing: leave the option '// &
                'general out'

@@ -41,6 +41,10 @@ contains
             call raise(error, wrong_shape, place, 'the model with parameters as positions has '// &
                        to_text(wide%traits%ndof)//' degrees of freedom and '//to_text(wide%traits%nnoise)// &
                        ' noises; give at least '//to_text(t%ndof)//', and '//to_text(t%nnoise)//' noises')
+         else if (.not. wide%traits%has_gradient) then
+            call raise(error, missing_operation, place, 'model '//wide%name//' gives flows of two parts of H '// &
+                       '(drift, kick) alone, and the derivative of a step is made of Hessians: give gradient, and '// &
+                       'hessian or hessian_vector, beside the flows, or formulas')
          else if (.not. (wide%traits%has_hessian .or. wide%traits%has_hessian_vector)) then
             call raise(error, missing_operation, place, 'model '//wide%name//' has no Hessian and no products with '// &
                        'it, and the derivative of a step is made of them: give hessian or hessian_vector, or formulas')
