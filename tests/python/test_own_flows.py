@@ -318,6 +318,9 @@ def test_units_of_time_do_not_matter(unit):
         pendulum(drifts=drifts, kicks=lambda t, w, q, p: (q, p)).probe()
         with pytest.raises(ss.errors.FalseTraitError, match="K_0"):
             pendulum(drifts=drifts, kicks=bent).probe()
+    faster = lambda t, tau, q, p: turn(t, tau * (1 + 0.01 * tau / unit), q, p)  # noqa: E731
+    with pytest.raises(ss.errors.FalseTraitError, match="drift over tau"):
+        pendulum(drifts=faster, kicks=noise).probe()
 
 
 REFUSED = {
