@@ -52,7 +52,9 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
     traits["silent"] = list(traits["silent"])
     del traits["diagonal_mass"], traits["touches"]  # these traits only save work, and older folders lack them
-    if traits["split"] is None:  # as older folders have it
+    if not traits["has_parts"]:  # as older folders have it
+        del traits["has_gradient"], traits["has_parts"]
+    if traits["split"] is None:
         del traits["split"], traits["kicks"]
     else:
         traits["split"] = _hash(_rounded(np.array(traits["split"])))
@@ -62,13 +64,9 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
         found["formulas"] = list(formula.hamiltonians)
     if model.damping:
         found["damping"] = _told(_of_short_steps(model, start)) if model._varying else np.array(model.damping).tolist()
-    weights = np.zeros((model.nnoise + 1, _POINTS))
-    weights[0] = 1.0
-    found["H"] = _told(_of_model(model, weights, start))
-    if model.nnoise:
-        weights = 1.0 + 0.5 * _spread(model.nnoise + 1, 0)
-        weights[0] = 0.0
-        found["noises"] = _told(_of_model(model, weights, start))
+    found |= _of_hamiltonians(model, start)
+    if not model.traits.has_gradient:  # flows of two parts of H alone, which make these steps
+        found["flows"] = _told(_of_short_steps(model, start, "verlet_dkd_weak2"))
     if model._forces:
         found["forces"] = _told(_of_short_steps(model, start))
     if scheme is not None:
@@ -83,21 +81,35 @@ def _by_path(value: Any) -> Any:
     return value if np.ndim(value) == 0 else f"{np.size(value)} values ({_hash(np.asarray(value, '<f8').tobytes())})"
 
 
-def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:
-    """Gradients, and values if the model has them, of a weighted sum of Hamiltonians."""
-    kinds = (model.gradient, model.value) if model.traits.has_value else (model.gradient,)
+def _of_hamiltonians(model: Model, start: Start) -> dict[str, str]:
+    """H, and a sum of the noises; nothing where neither gradients nor values are given."""
+    kinds = [model.gradient] * model.traits.has_gradient + [model.value] * model.traits.has_value
+    if not kinds:
+        return {}
+    weights = np.zeros((model.nnoise + 1, _POINTS))
+    weights[0] = 1.0
+    found = {"H": _told(_of_model(kinds, weights, start))}
+    if model.nnoise:
+        weights = 1.0 + 0.5 * _spread(model.nnoise + 1, 0)
+        weights[0] = 0.0
+        found["noises"] = _told(_of_model(kinds, weights, start))
+    return found
+
+
+def _of_model(kinds: list[Callable], weights: np.ndarray, start: Start) -> list[Any]:
+    """Gradients, and values, of a weighted sum of Hamiltonians."""
     return [_tried(f, q, p, weights, t) for q, p in _points(start) for t in start.times for f in kinds]
 
 
-def _of_short_steps(model: Model, start: Start) -> list[Any]:
-    """Changes of the state in one short step, to which forces and rates of damping of a model add."""
+def _of_short_steps(model: Model, start: Start, by: str = "heun") -> list[Any]:
+    """Changes of the state in one short step, which flows make, and to which forces and rates of damping add."""
     size = start.length / 64
     noise = np.sqrt(abs(size)) * (1.0 + 0.5 * _spread(model.nnoise, 0))
 
     def moved(q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return np.concatenate(step(model, "heun", q, p, size, noise, t)) - np.concatenate((q, p))
+            return np.concatenate(step(model, by, q, p, size, noise, t)) - np.concatenate((q, p))
 
     return [_tried(moved, q, p, t) for q, p in _points(start) for t in start.times]
 
