@@ -197,6 +197,8 @@ def candidates(problem: Problem) -> list[Scheme]:
 def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
     """Names of the schemes to try, by the traits of a model and its brackets at t0."""
     traits = model.traits
+    if not traits.has_gradient:
+        return ["gauss_dkdkd"]
     names = ["midpoint"]
     if traits.separable:
         names.append("stormer_verlet")
@@ -238,7 +240,7 @@ def _reasons(
         f"the fastest frequency times h is {fastest * best.step:.2g}, of paths with noise, too; {best.scheme} {until}",
         f"{best.scheme} is {made}, and symplectic",
     ]
-    if problem.model.nnoise:
+    if problem.model.nnoise and problem.model.traits.has_gradient:
         reasons.append(commutator(problem.model, t=problem.options.get("t0", 0.0)).text)
     if others:
         reasons.append(f"{others[0].scheme} would take {others[0].seconds / best.seconds:.2g} times as long")

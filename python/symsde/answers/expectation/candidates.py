@@ -17,7 +17,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...errors import SymsdeError
+from ...errors import IncompatibleError, SymsdeError
 from ...model.commutator import commutator
 from ...model.definition import Model
 from ...model.traits import Traits
@@ -71,12 +71,14 @@ def _splits_evenly(traits: Traits, name: str) -> bool:
 
 
 def commutes(model: Model, t: float) -> bool:
-    """Whether the noises commute at time t, as far as traits and sample points tell."""
-    return model._noise_commutes or commutator(model, t=t).commutative
+    """Whether the noises commute at time t, as far as traits and sample points tell; kicks of own flows do."""
+    return model._noise_commutes or not model.traits.has_gradient or commutator(model, t=t).commutative
 
 
 def _names(traits: Traits) -> list[str]:
     """Names of schemes for these traits, as in the table of docs/schemes.md; the pilot begins with the first."""
+    if not traits.has_gradient:
+        return ["gauss_dkdkd"]
     names = ["stormer_verlet", "midpoint", "lobatto2_swapped"] if traits.separable else ["midpoint"]
     if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
@@ -104,6 +106,14 @@ def frequency(problem: Problem, paths: int = 0) -> float:
     paths: number of paths with noise that are examined too.
     """
     declared = problem.model.traits.max_frequency
+    if not problem.model.traits.has_gradient:
+        if not declared:
+            raise IncompatibleError(
+                f"model {problem.model.name} gives flows of two parts of H (drift, kick) alone, and the longest step "
+                "is found by Hessians: declare max_frequency, give a gradient beside the flows, or choose the steps "
+                "yourself, in symsde.convergence, symsde.moments or, as steps, in symsde.mlmc"
+            )
+        return max(declared, 1 / problem.horizon)
     ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
     return max(_fastest(problem, ways), declared, 1 / problem.horizon)
 
@@ -114,7 +124,7 @@ def mild_steps(problem: Problem) -> int:
     I - dW J H''/2 is singular if dW times a frequency of the noise is 2, and near that the variance is infinite.
     Increments of six standard deviations stay below this limit if 3 omega sqrt(h) <= 1.
     """
-    noises = problem.model.nnoise
+    noises = problem.model.nnoise if problem.model.traits.has_gradient else 0  # flows alone are explicit
     omega = _fastest(problem, [*_way(problem)], np.minimum(np.arange(noises + 1.0), 1.0)) if noises else 0.0
     return max(1, math.ceil(9 * omega**2 * problem.horizon))
 

@@ -142,7 +142,8 @@ def make_problem(
     t = checks.finite("t0", options.get("t0", 0.0)) + horizon
     problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, given, laws)
     problem.target.try_at(problem.q0, problem.p0)
-    try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
+    tried = {} if model.traits.has_gradient else {"scheme": "gauss_dkdkd"}
+    try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024, **tried)
     return problem
 
 
