@@ -331,6 +331,10 @@ contains
          end if
          call add(text, order_label(i), value)
       end do
+      ! The second Magnus term, which kicks at Gauss' nodes miss, holds these brackets.
+      if (c%needs%parts_will_do .and. c%order(additive_noise)%value > 0) &
+         call add(text, 'strong, own flows', 'as for additive noise where all {H_k, {H_l, D}}, k, l >= 1, are '// &
+                  'constants, as with D quadratic in p and H_k linear in q; else as for commutative noise')
    end subroutine add_orders
 
    !> Lines on terms added to the Hamiltonian of a step, and on increments; none for plain schemes.
