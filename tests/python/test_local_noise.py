@@ -393,3 +393,29 @@ def test_squares_of_parameters_that_differ_from_path_to_path():
         one = ss.model_from_sympy("p**2/2 - cos(q)", noises, params={"s": s, "w": 1.3})
         alone = ss.simulate(one, paths=1, first_path=path, **given)
         assert np.abs(whole.q[:, :, path] - alone.q[:, :, 0]).max() < 1e-13
+
+
+BESIDE_MASSES = {"meet": ["-0.3*A**2*B", "0.2*cos(A + B)"], "apart": ["-0.3*A**2", "0.2*cos(B)"]}
+
+
+@pytest.mark.parametrize("noises", BESIDE_MASSES)
+@pytest.mark.parametrize("scheme", ["gauss2_strong32", "gauss2_weak2"])
+def test_brackets_of_masses_are_those_of_scaled_positions(noises, scheme):
+    """q -> sqrt(m) q and p -> p/sqrt(m) give masses of one: the same paths, in blocks and alone."""
+    mass = np.array([2.0, 0.5])[:, None]
+    written = ["(A**4 + B**4)/4 + A*B/3", *BESIDE_MASSES[noises]]
+    plain = [x.replace("A", "q1").replace("B", "q2") for x in written]
+    scaled = [x.replace("A", "(q1/sqrt(2))").replace("B", "(q2*sqrt(2))") for x in written]
+    heavy = ss.model_from_sympy(f"p1**2/4 + p2**2 + {plain[0]}", plain[1:])
+    one = ss.model_from_sympy(f"(p1**2 + p2**2)/2 + {scaled[0]}", scaled[1:])
+    assert one.traits.identity_mass and heavy.traits.constant_mass and not heavy.traits.identity_mass
+    q, p = np.array([[0.3], [0.8]]), np.array([[0.1], [-0.6]])
+    given = {"step": 0.2, "steps": 10, "seed": 2, "scheme": scheme}
+    for paths in (50, 1):
+        mine = ss.simulate(heavy, q0=q, p0=p, paths=paths, **given)
+        right = ss.simulate(one, q0=q * mass**0.5, p0=p / mass**0.5, paths=paths, **given)
+        np.testing.assert_allclose(mine.q, right.q / mass**0.5, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(mine.p, right.p * mass**0.5, rtol=0, atol=1e-13)
+        if paths == 50:
+            block = mine
+    assert np.array_equal(block.q[:, :, :1], mine.q)

@@ -18,8 +18,9 @@
 !>
 !> where H means F/h: differences over r times the step's own displacements by drift and by noise. This expression
 !> differs from the bracket by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2.
-!> No difference is needed for noise that depends on position alone with H = p.p/2 + U(q), where the bracket is H_k,q .
-!> H_k,q; nor for models that offer third derivatives, or have none (step/hamiltonian/brackets_exact).
+!> No difference is needed for noise that depends on position alone with H = p.M^-1 p/2 + U(q) and a diagonal M, where
+!> the brackets are F_q . M^-1 p and H_k,q . M^-1 H_k,q; nor for models that offer third derivatives, or have none
+!> (step/hamiltonian/brackets_exact).
 !>
 !> H may depend on time. If noises do, the brackets become those of the phase space with time, {H_k,H} + H_{k,t}: with
 !> the ends t_0 and t_1 of the step
@@ -43,6 +44,7 @@ module symsde_step_hamiltonian_brackets
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
    use symsde_scheme_scheme, only: bracket_terms
    use symsde_step_hamiltonian_brackets_exact, only: exact_bracket, new_exact_bracket, has_exact_bracket
+   use symsde_step_hamiltonian_mass, only: constant_mass, new_constant_mass
    use symsde_step_hamiltonian_noise_rows, only: new_noise_rows
    implicit none
    private
@@ -55,6 +57,8 @@ module symsde_step_hamiltonian_brackets
    type, extends(exact_bracket) :: modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
+      logical, private :: heavy = .false.                 !! the same with a diagonal mass, the same for all paths
+      type(constant_mass), private :: mass                !! that mass
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
       !> The model, if it gives the squares of all noises at one pass and several noises meet
       class(kernel_model), pointer :: squares => null()
@@ -106,11 +110,14 @@ contains
       self%active = active_brackets(brackets, model%traits)
       call self%sort()
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
+      self%heavy = model%traits%position_noise .and. model%traits%has_diagonal_mass() .and. .not. self%simple &
+                   .and. .not. model%traits%by_path
+      if (self%heavy) call new_constant_mass(self%mass, nlane, self%ndof, self%nnoise)
       offers = offers_of(model)
       if (self%simple .and. self%colours%n > 1 .and. offers%squares) self%squares => kernels_of(model)
-      self%together = self%simple .and. self%active%single .and. self%active%nested .and. &
+      self%together = (self%simple .or. self%heavy) .and. self%active%single .and. self%active%nested .and. &
                       .not. associated(self%squares)
-      if (self%together) call new_noise_rows(self%rows, model, nlane)
+      if (self%together .and. self%simple) call new_noise_rows(self%rows, model, nlane)
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
       ! The single bracket has a term for every noise that changes in time. The bracket {H_k(t_1),H_k(t_0)} is zero
       ! for noise in position, and has no gradient for additive noise.
@@ -137,10 +144,11 @@ contains
       logical, intent(in), optional :: rest                     !! add only the rest
       logical :: whole, direct
 
+      if (self%heavy) call find_mass(self, t, q)
       whole = .true.
       if (present(rest)) whole = .not. rest
       ! The single brackets of `simple` write into sp, and by themselves into sq, unless they have no part in q.
-      direct = self%simple .and. whole .and. self%active%single
+      direct = (self%simple .or. self%heavy) .and. whole .and. self%active%single
       if (.not. direct .or. self%together .or. self%model%traits%additive) self%sq = 0
       if (.not. direct) self%sp = 0
       ! The weights c_k of single brackets come first: add_motion computes its weights from them.
@@ -185,10 +193,21 @@ contains
          call self%add_gradient(t, step, q, p, hq, hp, counters, nreal)
          return
       end if
+      if (self%heavy) call find_mass(self, t, q)
       if (.not. self%begun) call find_weights(self, step)
       call self%add_position_brackets(self%c, self%colours%n == 1, t, step%h, q, p, hq, hp)
       call count_up(self, counters, nreal)
    end subroutine find_beside
+
+   !> Find the mass at the first position that is finite.
+   subroutine find_mass(self, t, q)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof)
+
+      if (self%mass%known) return
+      call self%mass%look(self%model, self%nlane, t, q)
+      self%inverse = self%mass%inverse
+   end subroutine find_mass
 
    !> Count the calls of the model since the last count, for nreal paths; padding does not count.
    subroutine count_up(self, counters, nreal)
@@ -211,7 +230,7 @@ contains
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
       if (self%active%crossed) self%nested(:, 1:) = step%w(:, 1:)/step%h
-      if (self%simple) then
+      if (self%simple .or. self%heavy) then
          call add_squares(self, t, step%h, q, p)
       else if (has_exact_bracket(self%model%traits)) then
          call self%add_exact(self%nested, t, step%h, q, p, self%sq, self%sp)
@@ -247,19 +266,26 @@ contains
       end do
    end subroutine single_weights
 
-   !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
+   !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.M^-1 p/2 + U(q) it is F_q . M^-1 p.
    subroutine add_single(self, t, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
-         if (self%simple) then  ! {F,H} = F_q.p, with the gradient (F_qq p, F_q); F_qq = 0 for additive noise
+         if (self%simple .or. self%heavy) then  ! the gradient is (F_qq M^-1 p, M^-1 F_q); F_qq = 0 for additive noise
             call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%sp)
             self%ngradient = self%ngradient + 1
+            if (self%heavy) call self%divide(self%sp)
             if (self%model%traits%additive) return
-            call self%model%hessian_vector(n, d, m, t, self%c, q, p, p, self%still, self%sq, self%gp)
             self%nproduct = self%nproduct + 1
+            if (self%simple) then
+               call self%model%hessian_vector(n, d, m, t, self%c, q, p, p, self%still, self%sq, self%gp)
+               return
+            end if
+            self%rq = p
+            call self%divide(self%rq)
+            call self%model%hessian_vector(n, d, m, t, self%c, q, p, self%rq, self%still, self%sq, self%gp)
          else
             ! G = H: weight one for the drift, without h, which c_k contains.
             self%g = 0
@@ -329,7 +355,7 @@ contains
       self%sp = self%sp + self%bp
    end subroutine add_bracket
 
-   !> Position noise, identity mass: add the gradient of (h|h|/12) sum_k H_k,q . H_k,q, which is (h|h|/6) H_k,qq H_k,q.
+   !> Position noise: add the gradient of (h|h|/12) sum_k H_k,q . M^-1 H_k,q, which is (h|h|/6) H_k,qq M^-1 H_k,q.
    !> Crossed brackets have the same gradient, since noises in position commute.
    subroutine add_squares(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
@@ -338,7 +364,7 @@ contains
       real(wp) :: c, stiffness(self%nlane)
       integer :: k
 
-      ! The gradient of H_k,q . H_k,q is 2 H_k,qq H_k,q: one gradient, and its product with the Hessian.
+      ! The gradient of H_k,q . M^-1 H_k,q is 2 H_k,qq M^-1 H_k,q: one gradient, and its product with the Hessian.
       c = h*abs(h)/6
       if (associated(self%squares)) then
          call self%squares%squares(self%nlane, self%ndof, self%nnoise, t, q, self%gq, stiffness)
@@ -353,6 +379,7 @@ contains
             call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
             self%ngradient = self%ngradient + 1
          end associate
+         if (self%heavy) call self%divide(self%vq)
          call add_curved(self, t, self%f, c, self%vq, q, p)
       end do
    end subroutine add_squares

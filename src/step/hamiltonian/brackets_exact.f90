@@ -37,12 +37,14 @@ module symsde_step_hamiltonian_brackets_exact
       type(noise_rows) :: rows            !! brackets of noises in position of a chain
       real(wp), allocatable :: still(:, :)  !! zeros (nlane, ndof)
       real(wp), allocatable :: own(:, :)    !! the weight of the noise of a colour that touches (nlane, ndof)
+      real(wp), allocatable :: inverse(:)   !! the diagonal of M^-1, where noises in position have one (ndof)
       real(wp), allocatable, dimension(:, :) :: uq, up, vq, vp, rq, rp, yq, yp, gq, gp, xq  !! (nlane, ndof)
    contains
       procedure :: sort
       procedure :: add_exact
       procedure :: add_position_brackets
       procedure :: spread
+      procedure :: divide
       procedure :: add_product
       procedure :: add_transposed
       procedure :: field_of_colour
@@ -186,10 +188,25 @@ contains
          end if
          call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
          call weigh(n*d, e, self%own, p, self%vq, self%rq, hp)
+         if (allocated(self%inverse)) then
+            call self%divide(self%rq)
+            call self%divide(hp)
+         end if
          call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%rq, self%still, self%gq, self%gp)
          call add_times(n*d, 1.0_wp, self%gq, hq)
       end associate
    end subroutine add_colour
+
+   !> M^-1 x in place of x.
+   subroutine divide(self, x)
+      class(exact_bracket), intent(in) :: self
+      real(wp), intent(inout) :: x(self%nlane, self%ndof)
+      integer :: i
+
+      do i = 1, self%ndof
+         x(:, i) = self%inverse(i)*x(:, i)
+      end do
+   end subroutine divide
 
    !> own = c_i of the degrees of freedom that noises of a colour touch, and zero in all others.
    subroutine spread(self, colour, c)
