@@ -147,9 +147,10 @@ typedef int (*symsde_third_derivative)(int nlane, int ndof, int nham, double t, 
                                        const double *p, const double *aq, const double *ap, const double *bq,
                                        const double *bp, double *uq, double *up, void *user);
 /* products of all noises H_k(t, q) at one pass: g[ndof][nlane], the gradient of sum_k |H_k,q|^2 / 2, which is sum_k (Hess
- * H_k) H_k,q; and, of one degree of freedom, k[nlane] = sum_k H_k,qq^2, which is not read otherwise */
-typedef int (*symsde_squares)(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k,
-                              void *user);
+ * H_k) H_k,q. If s is not NULL there is one degree of freedom, and the same pass gives derivatives of two sums, S = sum_j
+ * w[j] H_j and C = sum_j c[j] H_j with c[0] = 0: s[6][nlane] = S', S'', C', C'', C''', g'. Else w and c are NULL */
+typedef int (*symsde_squares)(int nlane, int ndof, int nham, double t, const double *q, double *g, const double *w,
+                              const double *c, double *s, void *user);
 /* covectors over nstep steps of kicks and drifts, backward (symsde_path_gradient): the first nmoving positions move, the
  * others are parameters theta[ndof - nmoving][nlane]. At each state s = nstep .. 0, at the time t + s h and q[s], with
  * a = part[1], or 0 at s = 0, and b = part[0], or 0 at s = nstep: u[ndof][nlane] loses S_qq c, where S = (a + b) h H +

@@ -165,19 +165,24 @@ contains
 
    !> For noises H_k(t,q) and the mass one, the gradient in q of (1/2) sum_k H_k,q . H_k,q,
    !>
-   !>    g = sum_k (Hess H_k) H_k,q,     and, of one degree of freedom,  k = sum_k H_k,qq^2
+   !>    g = sum_k (Hess H_k) H_k,q
    !>
    !> at one pass over all noises: a gradient and a product for each noise that meets others would take a time
-   !> proportional to the square of their number, since each of them evaluates all noises. Of several degrees of freedom
-   !> k is not read.
-   subroutine squares_missing(self, nlane, ndof, nnoise, t, q, g, k)
+   !> proportional to the square of their number, since each of them evaluates all noises. Where w, c and s are present
+   !> there is one degree of freedom, and the same pass gives derivatives of two sums, S = sum_j w_j H_j and C = sum_j
+   !> c_j H_j with c_0 = 0:
+   !>
+   !>    s = (S', S'', C', C'', C''', g')
+   subroutine squares_missing(self, nlane, ndof, nnoise, t, q, g, w, c, s)
       class(kernel_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, q(nlane, ndof)
-      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      real(wp), intent(out) :: g(nlane, ndof)
+      real(wp), intent(in), dimension(nlane, 0:nnoise), optional :: w, c
+      real(wp), intent(out), optional :: s(nlane, 6)
 
       g = ieee_value(1.0_wp, ieee_quiet_nan)
-      k = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(s)) s = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine squares_missing
 
    !> Covectors u of all positions and c of the first nmoving momenta, taken back over nstep steps of kicks and drifts

@@ -233,7 +233,7 @@ static void test_third_derivative(void) {
 enum { MEETING = 5 };
 
 typedef struct noisy_user {
-   double s, wrong_g, wrong_k;
+   double s, wrong_g, wrong[6]; /* s and mistakes of g and of derivatives of sums */
    int asked, refused; /* calls, and the call that returns an error code */
 } noisy_user;
 
@@ -266,17 +266,31 @@ static int noisy_hessian(int nlane, int ndof, int nham, double t, const double *
    return 0;
 }
 
-static int noisy_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k, void *user) {
+static int noisy_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, const double *w,
+                         const double *c, double *s, void *user) {
    noisy_user *u = user;
    (void)t, (void)ndof;
    u->asked++;
    for (int i = 0; i < nlane; i++) {
+      double d[6] = {0};
       g[i] = u->wrong_g;
-      k[i] = u->wrong_k;
       for (int j = 1; j < nham; j++) {
-         const double c = u->s * j;
-         g[i] += c * sin(q[i] + j) * c * cos(q[i] + j);
-         k[i] += c * cos(q[i] + j) * c * cos(q[i] + j);
+         const double f = u->s * j, x = f * sin(q[i] + j), y = f * cos(q[i] + j);
+         g[i] += x * y;
+         if (s != NULL) {
+            const double a = w[j * nlane + i], b = c[j * nlane + i];
+            const double more[6] = {-a * x, -a * y, -b * x, -b * y, b * x, y * y - x * x};
+            for (int k = 0; k < 6; k++) {
+               d[k] += more[k];
+            }
+         }
+      }
+      if (s != NULL) {
+         d[0] += w[i] * sin(q[i]);
+         d[1] += w[i] * cos(q[i]);
+         for (int k = 0; k < 6; k++) {
+            s[k * nlane + i] = d[k] * (1 + u->wrong[k]);
+         }
       }
    }
    return u->asked == u->refused ? 31 : 0;
@@ -286,7 +300,7 @@ static int noisy_squares(int nlane, int ndof, int nham, double t, const double *
 static void test_squares(void) {
    static arrays single, together;
    static const char *const schemes[] = {"chin4a", "gauss2_strong32"};
-   noisy_user user = {0.1, 0, 0, 0, 0};
+   noisy_user user = {0.1, 0, {0}, 0, 0};
    symsde_model model = NULL, other = NULL, kubo = new_kubo();
    symsde_traits traits;
    symsde_options options = some_options();
@@ -323,10 +337,13 @@ static void test_squares(void) {
       EXPECT(SYMSDE_FALSE_TRAIT, "noisy|squares of its noises|of g",
              symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
       user.wrong_g = 0;
-      user.wrong_k = 0.01;
-      EXPECT(SYMSDE_FALSE_TRAIT, "noisy|of which k is",
-             symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
-      user.wrong_k = 0;
+      for (int k = 0; k < 6; k++) {
+         static const char *const named[] = {"which S' is", "which S'' is", "which C' is",
+                                             "which C'' is", "which C''' is", "which g' is"};
+         user.wrong[k] = 0.01;
+         EXPECT(SYMSDE_FALSE_TRAIT, named[k], symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+         user.wrong[k] = 0;
+      }
       user.asked = 0;
       user.refused = 7;
       EXPECT(SYMSDE_CALLBACK_FAILED, "31", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));

@@ -231,8 +231,8 @@ CALLBACKS["chain_rows"] = CFUNCTYPE(
     *(c_int,) * 6, c_double, *(c_void_p,) * 5
 )  # int f(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user)
 CALLBACKS["squares"] = CFUNCTYPE(
-    *(c_int,) * 4, c_double, *(c_void_p,) * 4
-)  # int f(nlane, ndof, nham, t, q, g, k, user)
+    *(c_int,) * 4, c_double, *(c_void_p,) * 6
+)  # int f(nlane, ndof, nham, t, q, g, w, c, s, user)
 CALLBACKS["drift"] = CFUNCTYPE(
     c_int, c_int, c_int, c_double, c_double, *(c_void_p,) * 5
 )  # int f(nlane, ndof, t, tau, q, p, qn, pn, user)

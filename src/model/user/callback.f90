@@ -585,24 +585,26 @@ contains
    end subroutine third_derivative
 
    !> Products of gradients and Hessians of all noises; called only if offers%squares is true.
-   subroutine squares(self, nlane, ndof, nnoise, t, q, g, k)
+   subroutine squares(self, nlane, ndof, nnoise, t, q, g, w, c, s)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, q(nlane, ndof)
-      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      real(wp), intent(out) :: g(nlane, ndof)
+      real(wp), intent(in), dimension(nlane, 0:nnoise), optional :: w, c
+      real(wp), intent(out), optional :: s(nlane, 6)
       type(lane_call) :: now
       integer(i4) :: code
 
       now%user = self%user
       if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, g)
-      call spoil(nlane, k)
-      code = self%on_squares(nlane, ndof, nnoise + 1, t, q, g, k, now%user)
+      if (present(s)) call spoil(6*nlane, s)
+      code = self%on_squares(nlane, ndof, nnoise + 1, t, q, g, w, c, s, now%user)
       if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane*ndof, g)
-      call spoil(nlane, k)
+      if (present(s)) call spoil(6*nlane, s)
    end subroutine squares
 
    !> Covectors over several steps; called only if offers%pull is true.

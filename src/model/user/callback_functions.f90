@@ -109,13 +109,15 @@ module symsde_model_user_callback_functions
          integer(c_int) :: code
       end function force_derivative_callback
 
-      !> Products of gradients and Hessians of all noises: g and k of `squares` in model/kernels.
-      function squares_callback(nlane, ndof, nham, t, q, g, k, user) bind(c) result(code)
+      !> Products of gradients and Hessians of all noises, and derivatives of sums: `squares` in model/kernels.
+      function squares_callback(nlane, ndof, nham, t, q, g, w, c, s, user) bind(c) result(code)
          import :: c_int, c_double, c_ptr
          integer(c_int), value :: nlane, ndof, nham
          real(c_double), value :: t
          real(c_double), intent(in) :: q(nlane, ndof)
-         real(c_double), intent(out) :: g(nlane, ndof), k(nlane)
+         real(c_double), intent(out) :: g(nlane, ndof)
+         real(c_double), intent(in), dimension(nlane, nham), optional :: w, c
+         real(c_double), intent(out), optional :: s(nlane, 6)
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function squares_callback

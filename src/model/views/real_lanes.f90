@@ -252,23 +252,33 @@ contains
    end subroutine hessian_banded
 
    !> Products of gradients and Hessians of all noises.
-   subroutine squares(self, nlane, ndof, nnoise, t, q, g, k)
+   subroutine squares(self, nlane, ndof, nnoise, t, q, g, w, c, s)
       class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, q(nlane, ndof)
-      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      real(wp), intent(out) :: g(nlane, ndof)
+      real(wp), intent(in), dimension(nlane, 0:nnoise), optional :: w, c
+      real(wp), intent(out), optional :: s(nlane, 6)
       real(wp), pointer, contiguous :: a(:), b(:)
 
       if (self%nreal > nlane/2) then
-         call self%kernels%squares(nlane, ndof, nnoise, t, q, g, k)
+         call self%kernels%squares(nlane, ndof, nnoise, t, q, g, w, c, s)
          return
       end if
       call gather(nlane, self%nreal, ndof, q, self%buffer(2)%x)
       call take_buffer(self, 6, ndof, .true., a)
-      call take_buffer(self, 7, 1, .true., b)
-      call self%kernels%squares(self%nreal, ndof, nnoise, t, self%buffer(2)%x, a, b)
-      call spread_lanes(nlane, self%nreal, ndof, a, g)
-      call spread_lanes(nlane, self%nreal, 1, b, k)
+      associate (r => self%buffer, n => self%nreal)
+         if (present(s)) then
+            call gather(nlane, n, nnoise + 1, w, self%buffer(1)%x)
+            call gather(nlane, n, nnoise + 1, c, self%buffer(3)%x)
+            call take_buffer(self, 7, 6, .true., b)
+            call self%kernels%squares(n, ndof, nnoise, t, r(2)%x, a, r(1)%x, r(3)%x, b)
+            call spread_lanes(nlane, n, 6, b, s)
+         else
+            call self%kernels%squares(n, ndof, nnoise, t, r(2)%x, a)
+         end if
+         call spread_lanes(nlane, n, ndof, a, g)
+      end associate
    end subroutine squares
 
    pure logical function has_flow(self, map)

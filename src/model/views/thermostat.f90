@@ -389,16 +389,21 @@ contains
       f2 = f2 - self%sigma(2)*w(nnoise)
    end subroutine pair
 
-   !> Noises of the bath are linear: they add no products.
-   subroutine squares(self, nlane, ndof, nnoise, t, q, g, k)
+   !> Noises of the bath are linear: they add no products, and their forces to the sums.
+   subroutine squares(self, nlane, ndof, nnoise, t, q, g, w, c, s)
       class(thermostat_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, q(nlane, ndof)
-      real(wp), intent(out) :: g(nlane, ndof), k(nlane)
+      real(wp), intent(out) :: g(nlane, ndof)
+      real(wp), intent(in), dimension(nlane, 0:nnoise), optional :: w, c
+      real(wp), intent(out), optional :: s(nlane, 6)
       class(kernel_model), pointer :: kernels
 
       kernels => kernels_of(model_of(self))
-      call kernels%squares(nlane, ndof, nnoise - ndof, t, q, g, k)
+      call kernels%squares(nlane, ndof, nnoise - ndof, t, q, g, w, c, s)
+      if (.not. present(s)) return
+      s(:, 1) = s(:, 1) - self%sigma(1)*w(:, nnoise)
+      s(:, 3) = s(:, 3) - self%sigma(1)*c(:, nnoise)
    end subroutine squares
 
    integer function failure_code(self) result(code)

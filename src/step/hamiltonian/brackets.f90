@@ -60,7 +60,7 @@ module symsde_step_hamiltonian_brackets
       logical, private :: heavy = .false.                 !! the same with a diagonal mass, the same for all paths
       type(constant_mass), private :: mass                !! that mass
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
-      !> The model, if it gives the squares of all noises at one pass and several noises meet
+      !> The model, if it gives the squares of all noises at one pass, and several meet or there is one degree of freedom
       class(kernel_model), pointer :: squares => null()
       logical, private :: together = .false.      !! single and nested brackets of `simple` by the same calls
       logical, private :: begun = .false.         !! whether callers call `begin` before the evaluations of a step
@@ -114,7 +114,8 @@ contains
                    .and. .not. model%traits%by_path
       if (self%heavy) call new_constant_mass(self%mass, nlane, self%ndof, self%nnoise)
       offers = offers_of(model)
-      if (self%simple .and. self%colours%n > 1 .and. offers%squares) self%squares => kernels_of(model)
+      if (self%simple .and. offers%squares .and. (self%colours%n > 1 .or. self%ndof == 1)) &
+         self%squares => kernels_of(model)
       self%together = (self%simple .or. self%heavy) .and. self%active%single .and. self%active%nested .and. &
                       .not. associated(self%squares)
       if (self%together .and. self%simple) call new_noise_rows(self%rows, model, nlane)
@@ -361,13 +362,13 @@ contains
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp) :: c, stiffness(self%nlane)
+      real(wp) :: c
       integer :: k
 
       ! The gradient of H_k,q . M^-1 H_k,q is 2 H_k,qq M^-1 H_k,q: one gradient, and its product with the Hessian.
       c = h*abs(h)/6
       if (associated(self%squares)) then
-         call self%squares%squares(self%nlane, self%ndof, self%nnoise, t, q, self%gq, stiffness)
+         call self%squares%squares(self%nlane, self%ndof, self%nnoise, t, q, self%gq)
          self%ngradient = self%ngradient + 1
          self%nproduct = self%nproduct + 1
          self%sq = self%sq + c*self%gq

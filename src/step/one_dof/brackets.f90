@@ -98,9 +98,9 @@ contains
             if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! also H_k at both ends of the step
             allocate (self%kinetic)
             call new_kinetic_brackets(self%kinetic, parts)
-            ! Two sums and the squares; two more sums where noises change in time.
-            if (self%kinetic%by_sums) self%asked = merge(5, 3, parts%time_dependent)
-            self%exact = self%exact .or. self%kinetic%angle
+            ! Sums and squares together; two more sums where noises change in time.
+            if (self%kinetic%by_sums) self%asked = merge(3, 1, parts%time_dependent)
+            self%exact = self%exact .or. self%kinetic%angle .or. self%kinetic%by_sums
             return
          end if
          ! A separable H_j has two third derivatives, which are computed one by one. Any other H_j has four; the

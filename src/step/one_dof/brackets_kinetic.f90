@@ -42,7 +42,7 @@ module symsde_step_one_dof_brackets_kinetic
       integer :: nlane = 0, nnoise = 0
       integer :: ntime = 1 !! number of times of an evaluation; 3 if noises change: its own and both ends
       logical :: angle = .false.
-      logical :: by_sums = .false. !! the model gives the squares of all noises, and sums replace single noises
+      logical :: by_sums = .false. !! the model gives squares and sums of all noises, which replace single noises
       class(kernel_model), pointer :: fast => null()  !! the model with kernels, which gives terms of an angle
       real(wp) :: times(0:2) = 0                   !! times of evaluations in a step: its middle, and stages
       type(angle_terms), allocatable :: terms(:, :)  !! terms of H_j at the times of a step (0:nnoise, 0:2)
@@ -51,6 +51,7 @@ module symsde_step_one_dof_brackets_kinetic
       real(wp), allocatable :: e(:)                !! e_j (0:nnoise)
       real(wp), allocatable :: one(:, :, :)        !! weight one for each H_j (nlane, 0:nnoise, 0:nnoise)
       real(wp), allocatable :: sine(:), cosine(:)  !! (nlane)
+      real(wp), allocatable :: s(:, :), g(:, :)    !! derivatives of sums and squares (nlane, 6), (nlane, 1)
       real(wp), allocatable :: beside(:, :)        !! values for one lane, of all H_j: U_j', U_j'', q, p (0:nnoise, 4)
    contains
       procedure :: begin
@@ -87,7 +88,7 @@ contains
       offers = offers_of(parts%model)
       self%angle = offers%angle
       self%fast => kernels_of(parts%model)
-      self%by_sums = associated(parts%squares) .and. .not. self%angle
+      self%by_sums = associated(parts%squares) .and. parts%active%nested .and. .not. self%angle
       ! H_k(t_1) - H_k(t_0) is computed in every evaluation, as it depends on q.
       if (parts%time_dependent) self%ntime = 3
       associate (n => parts%nlane, m => parts%nnoise)
@@ -99,6 +100,7 @@ contains
             self%one(:, j, j) = 1
          end do
          allocate (self%sine(n), self%cosine(n), self%terms(0:m, 0:2), self%ends(m, 2:3), self%beside(0:m, 4))
+         allocate (self%s(n, 6), self%g(n, 1))
       end associate
    end subroutine new_kinetic_brackets
 
@@ -173,8 +175,8 @@ contains
       end associate
    end subroutine evaluate
 
-   !> The same from weighted sums, for many noises in position that meet: those with the weights w and c, and the
-   !> squares of all noises.
+   !> The same from weighted sums, those with the weights w and c, and the squares of all noises in position, which the
+   !> model gives at one pass.
    subroutine evaluate_sums(self, parts, i, step, c, rate, q, p, h)
       type(kinetic_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -183,21 +185,12 @@ contains
       real(wp), intent(in), dimension(self%nlane, 0:self%nnoise) :: c, rate
       real(wp), intent(in), dimension(self%nlane) :: q, p
       real(wp), intent(out) :: h(self%nlane, nplace)
-      real(wp) :: nested
       real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
 
       w => step%w
-      nested = merge(step%h*abs(step%h)/12, 0.0_wp, parts%active%nested)
-      associate (n => self%nlane, m => self%nnoise, t => self%times(i), u => self%u)
-         ! Columns that are not written are zero from the beginning.
-         call derive_sum(parts%model, n, m, t, w, q, p, h(:, q_), h(:, qq))
-         ! H = p^2/2 + U(q) has the weight h in every lane.
-         h(:, p_) = step%h*p
-         h(:, qp) = 0
-         h(:, pp) = step%h
-         if (parts%active%single) call derive_sum(parts%model, n, m, t, c, q, p, u(:, 1, 1, 1), u(:, 2, 1, 1))
-         if (parts%active%nested) call self%fast%squares(n, 1, m, t, q, u(:, 3, 1, 1), u(:, 4, 1, 1))
-         call add_sums(n, 2*nested, u(:, :, 1, 1), p, h)
+      associate (n => self%nlane, m => self%nnoise, u => self%u)
+         call self%fast%squares(n, 1, m, self%times(i), q, self%g, w, c, self%s)
+         call add_sums(n, step%h, self%s, self%g, p, h)
          if (self%ntime < 3) return
          call derive_sum(parts%model, n, m, step%t, rate, q, p, u(:, 1, 1, 2), u(:, 2, 1, 2))
          call derive_sum(parts%model, n, m, step%t + step%h, rate, q, p, u(:, 1, 1, 3), u(:, 2, 1, 3))
@@ -268,20 +261,24 @@ contains
       end associate
    end subroutine derive
 
-   !> VEC Add the brackets of noises in position by sums over all of them: C = sum c_k U_k and the squares g = sum U_k'
-   !> U_k'' and k = sum U_k''^2. u holds C', C'', g and k; factor is 2 nested, e_0 = 1.
-   pure subroutine add_sums(nlane, factor, u, p, h)
+   !> VEC h = gradient and Hessian of h p^2/2 + S + C' p + (h|h|/12) G' with s = (S', S'', C', C'', C''', g') and g =
+   !> G''/2 = sum_k U_k' U_k''.
+   pure subroutine add_sums(nlane, step, s, g, p, h)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: factor, u(lanes(nlane), 4), p(lanes(nlane))
-      real(wp), intent(inout) :: h(lanes(nlane), nplace)
+      real(wp), intent(in) :: step, s(lanes(nlane), 6), g(lanes(nlane)), p(lanes(nlane))
+      real(wp), intent(out) :: h(lanes(nlane), nplace)
+      real(wp) :: factor
       integer :: lane
 
+      factor = step*abs(step)/6
       do lane = 1, lanes(nlane)
-         h(lane, q_) = h(lane, q_) + p(lane)*u(lane, 2)
-         h(lane, q_) = h(lane, q_) + factor*u(lane, 3)
-         h(lane, p_) = h(lane, p_) + u(lane, 1)
-         h(lane, qq) = h(lane, qq) + factor*u(lane, 4)
-         h(lane, qp) = h(lane, qp) + u(lane, 2)
+         h(lane, q_) = s(lane, 1) + p(lane)*s(lane, 4)
+         h(lane, q_) = h(lane, q_) + factor*g(lane)
+         h(lane, p_) = s(lane, 3) + step*p(lane)
+         h(lane, qq) = s(lane, 2) + p(lane)*s(lane, 5)
+         h(lane, qq) = h(lane, qq) + factor*s(lane, 6)
+         h(lane, qp) = s(lane, 4)
+         h(lane, pp) = step
       end do
    end subroutine add_sums
 

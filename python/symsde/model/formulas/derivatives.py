@@ -25,7 +25,9 @@ from .tails import Tails
 MAX_GRADIENT = 3_000  #: most operations of a gradient
 MAX_THIRD = 600  #: most nonzero third derivatives, over all degrees of freedom
 MAX_SQUARES = 1_000  #: most products in the squares of all noises
-MEETING = 4  #: noises that meet from which their squares are taken together: for fewer little is gained
+#: noises that meet from which their squares are taken together: for fewer little is gained, but in one degree of freedom,
+#: where sums come with them
+MEETING = 4
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 
@@ -218,8 +220,9 @@ class Derivatives:
         return all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
 
     def squares(self) -> dict[str, list[int]]:
-        """Nodes of g = sum_k (Hess H_k) H_k,q and, of one degree of freedom, of k = sum_k H_k,qq^2 (symsde_squares in
-        symsde.h), computed once; empty unless several nonlinear noises meet, and for too many products.
+        """Nodes of g = sum_k (Hess H_k) H_k,q and, of one degree of freedom, of the derivatives of sums s
+        (symsde_squares in symsde.h), where the weights c_k are leaves z0 .., computed once; empty unless several
+        nonlinear noises meet or one acts on one degree of freedom, and for too many products.
         """
         if self._squares is None:
             self._squares = self._found_squares() if self._is_simple() else {}
@@ -243,7 +246,7 @@ class Derivatives:
     def _found_squares(self) -> dict[str, list[int]]:
         names, noises, graph = self.problem.coordinates("q"), range(1, len(self.hamiltonians)), self.graph
         touched = {x: {k for k in noises if self.of(x)[k] != 0} for x in names}
-        if max(map(len, touched.values())) < MEETING:
+        if max(map(len, touched.values())) < (MEETING if len(names) > 1 else 1):
             return {}
         pairs = [(x, y, k) for x in names for y in names for k in touched[x] & touched[y] if self.of(x, y)[k] != 0]
         if not 0 < len(pairs) <= MAX_SQUARES:
@@ -251,11 +254,17 @@ class Derivatives:
         try:
             squares = {"g": self.bend()}
             if len(names) == 1:
-                curves = [self.node(k, *names, *names) for _x, _y, k in pairs]
-                squares["k"] = [graph.sum(graph.multiply(x, x) for x in curves)]
+                squares["s"] = [*self.outputs["hq"], *self.outputs["hqq"]]
+                zero = self._engine.Integer(0)
+                squares["s"] += [self._weighted([zero, *self._of(*names * i)[1:]], "", "z") for i in (1, 2, 3)]
+                slopes, curves, bends = ([self.node(k, *names * i) for _x, _y, k in pairs] for i in (1, 2, 3))
+                parts = [graph.multiply(x, x) for x in curves] + [*map(graph.multiply, slopes, bends)]
+                squares["s"].append(graph.sum(parts))
         except InvalidArgumentError:  # a graph cannot hold this many operations
             return {}
-        return squares
+        # Momenta may be written that no noise depends on; they are not given.
+        leaves = (graph.nodes[x] for x in reachable(graph, itertools.chain(*squares.values())))
+        return {} if any(x.what == "leaf" and x.value[0] == "p" for x in leaves) else squares
 
     def noise_block(self, variables: str) -> list[int]:
         """A block of derivatives of sum_k w_k H_k, the noises alone."""
@@ -269,8 +278,8 @@ class Derivatives:
         zeros = [self._engine.Integer(0)] * first
         return [self._weighted([*zeros, *self._of(*key)[first:]], "".join(key)) for key in keys]
 
-    def _weighted(self, expressions: list[Any], what: str) -> int:
-        """The node of sum_j w_j e_j."""
+    def _weighted(self, expressions: list[Any], what: str, letter: str = "w") -> int:
+        """The node of sum_j w_j e_j, with weights in leaves of this letter."""
         graph = self.graph
         table: dict[Any, dict[int, Any]] = {}
         try:
@@ -278,7 +287,7 @@ class Derivatives:
                 for factor, function in self._terms(e):
                     row = table.setdefault(function, {})
                     row[j] = row.get(j, 0) + factor
-            weights = [graph.leaf(f"w{j}", True) for j in range(len(expressions))]
+            weights = [graph.leaf(f"{letter}{j}", True) for j in range(len(expressions))]
             terms, alone = [], {}
             for function, row in table.items():
                 parts = {j: self._node(factor) for j, factor in row.items()}

@@ -21,7 +21,7 @@ SETS = {
     "mixed": (tuple(BLOCKS), ("hq", "hqp"), ("hp", "hqp"), ("hq", "hp")),
 }
 #: vectors that outputs depend on besides the state
-VECTORS = {("uq", "up"): ("vq", "vp"), ("tq", "tp"): ("aq", "ap", "bq", "bp")}
+VECTORS = {("uq", "up"): ("vq", "vp"), ("tq", "tp"): ("aq", "ap", "bq", "bp"), ("g", "s"): ("z",)}
 #: most operations of formulas for which each set has its own function, since compilation takes long
 MAX_TOGETHER = 1_500
 MAX_STORES = 32  #: most stores of one loop: compilation time grows with stores, not with operations
@@ -61,14 +61,19 @@ void formula_constants(int n, const double *parameters, double *constants) {
 """
 
 SQUARES = """
-/* Products of gradients and Hessians of all noises (symsde_squares). */
-int formula_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k, void *user);
-int formula_squares(int nlane, int ndof, int nham, double t, const double *q, double *g, double *k, void *user) {{
-   (void)ndof, (void)nham, (void)k;
-   {function}(nlane, t, NULL, q, NULL, PARAMETERS(user), {outputs});
+/* Products of gradients and Hessians of all noises, and derivatives of sums (symsde_squares). */
+#define SQUARES_IN                                                                                              \\
+   int nlane, int ndof, int nham, double t, const double *q, double *g, const double *w, const double *z, double *s
+int formula_squares(SQUARES_IN, void *user);
+int formula_squares(SQUARES_IN, void *user) {{
+   (void)ndof, (void)nham, (void)w, (void)z;
+   if (s == NULL)
+      of_g(nlane, t, NULL, q, NULL, PARAMETERS(user), g);
+   {sums}
    return 0;
 }}
 """
+SUMS = "else\n      of_g_s(nlane, t, w, q, NULL, PARAMETERS(user), z, g, s);"
 
 
 def lane_functions() -> str:
@@ -210,14 +215,15 @@ class _File(Loops):
             parts += [made.far(("constants",)), made.function(("constants",)), CONSTANTS]
         third = [("tq", "tp")] if self.third else []
         parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, self._family(("hq",)))]
-        squares = [self.squares] if self.squares else []
+        squares = [self.squares[:k] for k in range(1, len(self.squares) + 1)]
         parts += map(self.far, squares)
         for outputs in (("value",), ("uq", "up"), *third, *squares, *self.sets):
             parts.append(self.function(outputs))
         parts += [callback("value", ("value",))]
         parts += [callback("hessian_vector", ("uq", "up"))]
         parts += [callback("third_derivative", x) for x in third]
-        parts += [SQUARES.format(function=_function_name(x), outputs=", ".join(x)) for x in squares]
+        if squares:
+            parts += [SQUARES.format(sums=SUMS if "s" in self.squares else "")]
         kinds = {"gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp"), "gradient_hessian": tuple(BLOCKS)}
         for name, blocks in kinds.items() if self.hessians else (("gradient", ("hq", "hp")),):
             parts.append(callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
