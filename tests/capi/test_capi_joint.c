@@ -338,7 +338,7 @@ static void test_squares(void) {
              symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
       user.wrong_g = 0;
       for (int k = 0; k < 6; k++) {
-         static const char *const named[] = {"which S' is", "which S'' is", "which C' is",
+         static const char *const named[] = {"which S' is",  "which S'' is",  "which C' is",
                                              "which C'' is", "which C''' is", "which g' is"};
          user.wrong[k] = 0.01;
          EXPECT(SYMSDE_FALSE_TRAIT, named[k], symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));

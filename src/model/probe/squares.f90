@@ -78,10 +78,10 @@ contains
          call points%model%hessian_vector(nlane, 1, points%nnoise, points%t, one, points%q, points%p, x, points%zero, &
                                           uq, up)
          one(:, j) = 0
-         call add(1, w(:, j)*hq(:, 1))
-         call add(2, w(:, j)*uq(:, 1))
-         call add(3, c(:, j)*hq(:, 1))
-         call add(4, c(:, j)*uq(:, 1))
+         call add(1, w(:, j), hq(:, 1))
+         call add(2, w(:, j), uq(:, 1))
+         call add(3, c(:, j), hq(:, 1))
+         call add(4, c(:, j), uq(:, 1))
       end do
       call fast%squares(nlane, 1, points%nnoise, points%t, points%q, found, w, c, s)
       call compare(points, 'g beside sums', g, found(:, 1), largest, error)
@@ -103,18 +103,20 @@ contains
             flat = abs(s(:, i)) + merge(most(:, 4), largest, i == 5)
             ! The condition is written so that NaN gives no verdict.
             where (.not. abs(before - behind) <= matching*flat) flat = huge(flat)
-            call compare(points, trim(names(i)), (before + behind)/2, s(:, i), flat, error)
+            wanted(:, i) = (before + behind)/2
+            call compare(points, trim(names(i)), wanted(:, i), s(:, i), flat, error)
          end associate
       end do
 
    contains
 
-      subroutine add(i, term)
+      !> Add weight times x to the wanted s(:, i).
+      subroutine add(i, weight, x)
          integer, intent(in) :: i
-         real(wp), intent(in) :: term(nlane)
+         real(wp), intent(in) :: weight(nlane), x(nlane)
 
-         wanted(:, i) = wanted(:, i) + term
-         most(:, i) = most(:, i) + abs(term)
+         wanted(:, i) = wanted(:, i) + weight*x
+         most(:, i) = most(:, i) + abs(weight*x)
       end subroutine add
 
    end subroutine probe_sums

@@ -60,7 +60,7 @@ module symsde_step_hamiltonian_brackets
       logical, private :: heavy = .false.                 !! the same with a diagonal mass, the same for all paths
       type(constant_mass), private :: mass                !! that mass
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
-      !> The model, if it gives the squares of all noises at one pass, and several meet or there is one degree of freedom
+      !> The model, if it gives squares of all noises at one pass, and several meet or it has one degree of freedom
       class(kernel_model), pointer :: squares => null()
       logical, private :: together = .false.      !! single and nested brackets of `simple` by the same calls
       logical, private :: begun = .false.         !! whether callers call `begin` before the evaluations of a step

@@ -25,8 +25,8 @@ from .tails import Tails
 MAX_GRADIENT = 3_000  #: most operations of a gradient
 MAX_THIRD = 600  #: most nonzero third derivatives, over all degrees of freedom
 MAX_SQUARES = 1_000  #: most products in the squares of all noises
-#: noises that meet from which their squares are taken together: for fewer little is gained, but in one degree of freedom,
-#: where sums come with them
+#: noises that meet from which their squares are taken together: for fewer little is gained, but in one degree of
+#: freedom, where sums come with them
 MEETING = 4
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
