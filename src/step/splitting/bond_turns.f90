@@ -234,12 +234,9 @@ contains
                     u => self%u(:, b))
             if (i == j) then
                call squeeze(nlane, u, less, across, q(:, i), p(:, i), dq(:, i), dp(:, i))
-            else if (self%bonds%pairs(b)) then
-               call pair(nlane, u, less, across, q(:, i), p(:, i), q(:, j), p(:, j), dq(:, i), dp(:, i), dq(:, j), &
-                         dp(:, j))
             else
-               call hop(nlane, u, less, across, q(:, i), p(:, i), q(:, j), p(:, j), dq(:, i), dp(:, i), dq(:, j), &
-                        dp(:, j))
+               call couple(nlane, merge(-1.0_wp, 1.0_wp, self%bonds%pairs(b)), u, less, across, q(:, i), p(:, i), &
+                           q(:, j), p(:, j), dq(:, i), dp(:, i), dq(:, j), dp(:, j))
             end if
          end associate
       end do
@@ -274,6 +271,7 @@ contains
    end subroutine angle_of
 
    !> VEC cosh theta - 1 and sinh theta from theta/2, by the series of sinh to theta^11: to rounding for |theta| < 0.5.
+   !> Lanes of long steps, where it is larger, have the sinh of the library.
    pure subroutine stretch_of(nlane, half, less, across)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: half(nlane)
@@ -292,49 +290,37 @@ contains
          across(lane) = y
          less(lane) = (y*y)/(1 + sqrt(1 + (y*y)))
       end do
+      if (all(abs(half) < 0.25_wp)) return
+      do lane = 1, nlane
+         if (abs(half(lane)) < 0.25_wp) cycle
+         y = sinh(2*half(lane))
+         across(lane) = y
+         less(lane) = (y*y)/(1 + sqrt(1 + (y*y)))
+      end do
    end subroutine stretch_of
 
-   !> VEC Hopping between two sites, (x, y) and (v, w): -i u (v + i w) and -i conj(u) (x + i y).
-   pure subroutine hop(nlane, u, less, across, qi, pi, qj, pj, dqi, dpi, dqj, dpj)
+   !> VEC Hopping between two sites, (x, y) and (v, w): -i u (v + i w) and -i conj(u) (x + i y); or with sign = -1
+   !> pairing, which is hopping to conj(psi_j): -i u (v - i w), and conj(i conj(u) (x + i y)) = -i u (x - i y).
+   pure subroutine couple(nlane, sign, u, less, across, qi, pi, qj, pj, dqi, dpi, dqj, dpj)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: u(2)
+      real(wp), intent(in) :: sign, u(2)
       real(wp), intent(in), dimension(nlane) :: less, across, qi, pi, qj, pj
       real(wp), intent(inout), dimension(nlane) :: dqi, dpi, dqj, dpj
-      real(wp) :: x, y, v, w
+      real(wp) :: a(2), x, y, v, w
       integer :: lane
 
+      a = sign*u
       do lane = 1, nlane
          x = qi(lane) + dqi(lane)
          y = pi(lane) + dpi(lane)
          v = qj(lane) + dqj(lane)
          w = pj(lane) + dpj(lane)
-         dqi(lane) = dqi(lane) + (less(lane)*x + (across(lane)*(u(2)*v + (u(1)*w))))
-         dpi(lane) = dpi(lane) + (less(lane)*y + (across(lane)*(u(2)*w - (u(1)*v))))
-         dqj(lane) = dqj(lane) + (less(lane)*v + (across(lane)*(u(1)*y - (u(2)*x))))
+         dqi(lane) = dqi(lane) + (less(lane)*x + (across(lane)*(u(2)*v + (a(1)*w))))
+         dpi(lane) = dpi(lane) + (less(lane)*y + (across(lane)*(a(2)*w - (u(1)*v))))
+         dqj(lane) = dqj(lane) + (less(lane)*v + (across(lane)*(a(1)*y - (a(2)*x))))
          dpj(lane) = dpj(lane) + (less(lane)*w - (across(lane)*(u(2)*y + (u(1)*x))))
       end do
-   end subroutine hop
-
-   !> VEC Pairing of two sites, (x, y) and (v, w): -i u (v - i w) and -i u (x - i y).
-   pure subroutine pair(nlane, u, less, across, qi, pi, qj, pj, dqi, dpi, dqj, dpj)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: u(2)
-      real(wp), intent(in), dimension(nlane) :: less, across, qi, pi, qj, pj
-      real(wp), intent(inout), dimension(nlane) :: dqi, dpi, dqj, dpj
-      real(wp) :: x, y, v, w
-      integer :: lane
-
-      do lane = 1, nlane
-         x = qi(lane) + dqi(lane)
-         y = pi(lane) + dpi(lane)
-         v = qj(lane) + dqj(lane)
-         w = pj(lane) + dpj(lane)
-         dqi(lane) = dqi(lane) + (less(lane)*x + (across(lane)*(u(2)*v - (u(1)*w))))
-         dpi(lane) = dpi(lane) + (less(lane)*y - (across(lane)*(u(2)*w + (u(1)*v))))
-         dqj(lane) = dqj(lane) + (less(lane)*v + (across(lane)*(u(2)*x - (u(1)*y))))
-         dpj(lane) = dpj(lane) + (less(lane)*w - (across(lane)*(u(2)*y + (u(1)*x))))
-      end do
-   end subroutine pair
+   end subroutine couple
 
    !> VEC Squeezing of one site: -i u (x - i y).
    pure subroutine squeeze(nlane, u, less, across, q, p, dq, dp)
