@@ -306,6 +306,16 @@ def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
     assert "gauss_dkdkd_midpoint" not in scheme_names(ss.Model(ndof=1, nnoise=1, gradient=bent_gradient))
 
 
+def test_order_two_is_tried_where_noise_bends():
+    """A double well in noises q/2 and q^2/4: to 1e-5 chin4a_strong2 takes a tenth of the steps of chin4a, in less time."""
+    well = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", ["0.5*q", "0.25*q**2"])
+    assert {"gauss_dkdkd_strong2", "chin4a_strong2"} <= set(scheme_names(well))
+    assert not any("strong2" in name for name in scheme_names(ss.model_from_sympy("p**2/2 + q**4/4", ["0.5*q"])))
+    best = ss.advise(well, q0=1.0, p0=0.0, horizon=4.0, tolerance=1e-5)
+    assert best.scheme == "chin4a_strong2"
+    assert 90 < best.steps < 180
+
+
 def test_the_noise_of_means_falls_with_the_root_of_the_paths(monkeypatch):
     """Means from a quarter of the paths have twice the noise; the largest noise over many seeds is compared."""
     scheme = as_scheme("midpoint")

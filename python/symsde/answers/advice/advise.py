@@ -210,6 +210,8 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
         names.append("gauss_dkdkd")
     elif traits.position_noise and model.nnoise:
         names.append("gauss_dkdkd_midpoint")
+    if not traits.additive:  # with additive noise these two have strong order 2 as they are
+        names += [f"{name}_strong2" for name in names if name in ("gauss_dkdkd", "chin4a")]
     if traits.additive:
         names += ["verlet_dz"] if traits.kicked and traits.identity_mass else ["averaged_shift_midpoint"]
     brackets = commutator(model, t=t0) if model.nnoise else None
