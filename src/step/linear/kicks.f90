@@ -83,12 +83,15 @@ contains
       type(kick_weights) :: weights
       real(wp), allocatable :: second(:, :), slopes(:, :, :)
       logical :: by_parameters, is_free
+      integer :: nrow
 
       why = ''
       if (.not. steps_by_kicks(task)) return
       by_parameters = wide%traits%ndof > task%model%traits%ndof
       call find_linear(task, wide%traits, second, slopes)
-      is_free = task%scheme%kicks%flow /= flow_midpoint .and. .not. allocated(second)
+      nrow = 0
+      if (allocated(second)) nrow = size(second, 1)
+      is_free = task%scheme%kicks%flow /= flow_midpoint .and. nrow == 0
       if (task%damping%acts() .and. task%scheme%kicks%rational) then
          why = 'multiplies momenta by rational functions of rates'
       else if (task%damping%acts() .and. any(task%damping_noise == [noise_law3, noise_path])) then
@@ -100,11 +103,11 @@ contains
                has_linear_law(task%scheme, task%model%traits, task%damping, task%damping_noise)) then
          why = 'adds the exact noise of damped flows, which changes with parameters: '// &
                'damping_noise="polynomial" adds none'
-      else if (allocated(second) .and. task%model%traits%kicks_of_actions) then
+      else if (nrow > 0 .and. task%model%traits%kicks_of_actions) then
          why = 'has kicks that turn planes (q, p) by functions of the actions'
-      else if (allocated(second) .and. size(second, 1) > most_rows) then
+      else if (nrow > most_rows) then
          why = 'has linear flows of more than 128 degrees of freedom'
-      else if (allocated(second) .and. by_parameters .and. .not. allocated(slopes)) then
+      else if (nrow > 0 .and. by_parameters .and. .not. allocated(slopes)) then
          why = 'has linear flows, whose derivatives by these parameters are not known: formulas give them where '// &
                'S is smooth'
       else if (.not. wide%traits%position_noise .or. (is_free .and. .not. wide%traits%separable)) then
@@ -126,7 +129,7 @@ contains
          integer :: n
 
          n = task%model%traits%ndof
-         changes_mass = .not. is_free .and. .not. allocated(second) .and. .not. wide%traits%separable
+         changes_mass = .not. is_free .and. nrow == 0 .and. .not. wide%traits%separable
          if (allocated(slopes)) changes_mass = any(abs(slopes(n + 1:, n + 1:, :)) > 0)
       end function changes_mass
 
