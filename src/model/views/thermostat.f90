@@ -45,6 +45,7 @@ module symsde_model_views_thermostat
       procedure :: clear_failure
       procedure :: note_failure
       procedure :: copy_bath
+      final :: release
    end type thermostat_model
 
 contains
@@ -245,6 +246,13 @@ contains
       around%paths => paths
       view => around
    end subroutine for_paths
+
+   !> Deallocate the view of the inner model, which `for_paths` made.
+   subroutine release(self)
+      type(thermostat_model), intent(inout) :: self
+
+      if (associated(self%told)) deallocate (self%told)
+   end subroutine release
 
    !> The model without the bath.
    function model_of(self) result(model)
