@@ -3,14 +3,14 @@
 !>
 !> The probe of products of all noises at one pass: they must be the sums of products that gradients and Hessians of
 !> single noises give, and S' .. C'' weighted sums of derivatives of single Hamiltonians. C''' and g' are compared with
-!> differences of C'' and g over a step e to either side, at points where both sides agree.
+!> differences of C'' and g over a step e to either side, at points where both sides agree and e has digits.
 module symsde_model_probe_squares
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: default_step
    use symsde_model_kernels, only: kernel_model
-   use symsde_model_probe_points, only: probe_points, nlane, npoint, generic
+   use symsde_model_probe_points, only: probe_points, nlane, npoint, generic, too_far
    implicit none
    private
    public :: probe_squares
@@ -102,7 +102,7 @@ contains
          associate (before => slope(:, i - 4), behind => slope(:, i - 2))
             flat = abs(s(:, i)) + merge(most(:, 4), largest, i == 5)
             ! The condition is written so that NaN gives no verdict.
-            where (.not. abs(before - behind) <= matching*flat) flat = huge(flat)
+            where (.not. (abs(before - behind) <= matching*flat .and. abs(points%q(:, 1)) <= too_far)) flat = huge(flat)
             wanted(:, i) = (before + behind)/2
             call compare(points, trim(names(i)), wanted(:, i), s(:, i), flat, error)
          end associate
