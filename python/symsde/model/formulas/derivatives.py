@@ -220,7 +220,7 @@ class Derivatives:
         return all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
 
     def squares(self) -> dict[str, list[int]]:
-        """Nodes of g = sum_k (Hess H_k) H_k,q and, of one degree of freedom, of the derivatives of sums s
+        """Nodes of b = sum_k (Hess H_k) H_k,q and, of one degree of freedom, of the derivatives of sums s
         (symsde_squares in symsde.h), where the weights c_k are leaves z0 .., computed once; empty unless several
         nonlinear noises meet or one acts on one degree of freedom, and for too many products.
         """
@@ -252,7 +252,7 @@ class Derivatives:
         if not 0 < len(pairs) <= MAX_SQUARES:
             return {}
         try:
-            squares = {"g": self.bend()}
+            squares = {"b": self.bend()}
             if len(names) == 1:
                 squares["s"] = [*self.outputs["hq"], *self.outputs["hqq"]]
                 zero = self._engine.Integer(0)

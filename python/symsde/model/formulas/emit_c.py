@@ -21,7 +21,7 @@ SETS = {
     "mixed": (tuple(BLOCKS), ("hq", "hqp"), ("hp", "hqp"), ("hq", "hp")),
 }
 #: vectors that outputs depend on besides the state
-VECTORS = {("uq", "up"): ("vq", "vp"), ("tq", "tp"): ("aq", "ap", "bq", "bp"), ("g", "s"): ("z",)}
+VECTORS = {("uq", "up"): ("vq", "vp"), ("tq", "tp"): ("aq", "ap", "bq", "bp"), ("b", "s"): ("z",)}
 #: most operations of formulas for which each set has its own function, since compilation takes long
 MAX_TOGETHER = 1_500
 MAX_STORES = 32  #: most stores of one loop: compilation time grows with stores, not with operations
@@ -68,12 +68,12 @@ int formula_squares(SQUARES_IN, void *user);
 int formula_squares(SQUARES_IN, void *user) {{
    (void)ndof, (void)nham, (void)w, (void)z;
    if (s == NULL)
-      of_g(nlane, t, NULL, q, NULL, PARAMETERS(user), g);
+      of_b(nlane, t, NULL, q, NULL, PARAMETERS(user), g);
    {sums}
    return 0;
 }}
 """
-SUMS = "else\n      of_g_s(nlane, t, w, q, NULL, PARAMETERS(user), z, g, s);"
+SUMS = "else\n      of_b_s(nlane, t, w, q, NULL, PARAMETERS(user), z, g, s);"
 
 
 def lane_functions() -> str:
