@@ -263,7 +263,7 @@ CHANGES = {  # of the text of kicks, by one per cent, and who has them
     ("FMA(law[6 + j], b", "FMA(1.01 * law[6 + j], b"): ("well", "chin4a", 8.0),
     ("s, 1 / 15.0, far", "s, 1 / 15.2, far"): ("two noises", "chin4a", 0.0),
     ("s, 1 / 12.0, far", "s, 1 / 12.1, far"): ("two noises", "verlet_kdk", 8.0),
-    ("kick(LANE_OF, s, 1, far);\n   return", "kick(LANE_OF, s, 1.01, far);\n   return"): (
+    ("kick(LANE_OF, s, 1, far);\n#endif", "kick(LANE_OF, s, 1.01, far);\n#endif"): (
         "well",
         "lobatto2_swapped",
         0.0,
