@@ -307,7 +307,7 @@ def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
 
 
 def test_order_two_is_tried_where_noise_bends():
-    """A double well in noises q/2 and q^2/4: to 1e-5 chin4a_strong2 takes a tenth of the steps of chin4a, in less time."""
+    """A double well in noises q/2 and q^2/4: to 1e-5 chin4a_strong2 takes a tenth of the steps of chin4a."""
     well = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", ["0.5*q", "0.25*q**2"])
     assert {"gauss_dkdkd_strong2", "chin4a_strong2"} <= set(scheme_names(well))
     assert not any("strong2" in name for name in scheme_names(ss.model_from_sympy("p**2/2 + q**4/4", ["0.5*q"])))
