@@ -238,3 +238,19 @@ def slope(t, q, p):
     fq = np.zeros_like(q)
     fq[-1, 0] = 1
     return fq, np.zeros_like(p)
+
+
+@pytest.mark.parametrize("unit", [1e7, 1e12, 1e-7])
+def test_other_units_of_time(unit):
+    """With another unit of time the derivatives by the field are those in the first one, divided by it."""
+
+    def found(u):
+        model = made(
+            "((p1 + B*q2/2)**2 + (p2 - B*q1/2)**2)/2 + k*(q1**4 + q2**4)/4", ["s*cos(q1)"], None,
+            {"B": u, "k": 0.3 * u**2, "s": 0.2 * u**1.5},
+        )  # fmt: skip
+        run = {"q0": [0.4, 0.1], "p0": [0.3 * u, 0.2 * u], "step": 0.05 / u, "steps": 20, "paths": 8, "seed": 1}
+        return ss.gradient(model, "q1**2", ["B"], scheme="gauss_dkdkd", **run).by_path["B"]
+
+    right = found(1.0)
+    assert abs(unit * found(unit) - right).max() < 1e-10 * abs(right).max()

@@ -28,7 +28,7 @@ module symsde_step_linear_legs
    private
    public :: leg_flow, find_linear, linear_legs, new_linear_legs, midpoint_legs, new_midpoint_legs
 
-   real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries of R_k, as part of the largest
+   real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries of R_k, as part of the largest of one unit
 
    !> The flows of a step, which keep the states before them, as `move` passes.
    type, abstract :: leg_flow
@@ -155,8 +155,7 @@ contains
       integer, intent(in) :: leg
       real(wp), intent(in) :: tau
       real(wp), allocatable :: both(:, :), found(:, :)
-      real(wp) :: least
-      integer :: k, n
+      integer :: i, j, k, n
 
       n = size(self%field, 1)
       self%tau(leg) = tau
@@ -167,8 +166,13 @@ contains
          both(n + 1:, n + 1:) = self%field
          both(:n, n + 1:) = self%slopes(:, :, k)
          call exponential_less_one(2*n, both, tau, found)
-         least = negligible*maxval(abs(found(:n, n + 1:)))
-         self%by(:, :, k, leg) = merge(found(:n, n + 1:), 0.0_wp, abs(found(:n, n + 1:)) > least)
+         do j = 0, n/2, n/2
+            do i = 0, n/2, n/2
+               associate (x => found(i + 1:i + n/2, n + j + 1:n + j + n/2))
+                  self%by(i + 1:i + n/2, j + 1:j + n/2, k, leg) = merge(x, 0.0_wp, abs(x) > negligible*maxval(abs(x)))
+               end associate
+            end do
+         end do
       end do
    end subroutine set_leg
 

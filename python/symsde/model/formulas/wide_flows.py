@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from .wide import Positions
 
 _H = 1e-30
-_APART = 1e-5  #: of the two values of a quotient of differences
-_CLOSE = 1e-6  #: part of the largest entry by which such a quotient may differ
+_APART = 1e-5  #: of a value in a quotient of differences, as part of it
+_CLOSE = 1e-6  #: part of the largest entry, or of that of S over the value, by which such a quotient may differ
 
 
 def with_slopes_of_flows(wide: FormulaModel, model: Model, positions: Positions) -> FormulaModel:
@@ -63,9 +63,11 @@ def _slopes(function: Callable, values: dict, positions: Positions) -> np.ndarra
     for k, key in enumerate(positions):
         site = k - positions.index(key) if key in positions.of_sites else None
         exact = np.imag(function(_moved(values, key, site, 1j * _H))) / _H
-        both = [np.real(function(_moved(values, key, site, x * _APART))) for x in (1, -1)]
-        about = (both[0] - both[1]) / (2 * _APART)
-        if not np.abs(about - exact).max() <= _CLOSE * max(1.0, np.abs(exact).max()):
+        size = np.abs(values[key] if site is None else values[key][site]).max() or 1.0
+        both = [np.real(function(_moved(values, key, site, x * _APART * size))) for x in (1, -1)]
+        about = (both[0] - both[1]) / (2 * _APART * size)
+        largest = max(np.abs(exact).max(), np.abs(both).max() / size)
+        if not np.abs(about - exact).max() <= _CLOSE * largest:
             return None
         rows.append(exact)
     return np.array(rows)
