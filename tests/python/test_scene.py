@@ -228,6 +228,15 @@ BAD = [
     ((("[model]", "[modell]"),), ["modell", "model"]),
     ((('name = "synchrotron"', ""),), ["name", "kubo"]),
     ((("q0 = 0.0", "q0 = [1.0, 2.0]"),), ["q0", "shape"]),
+    (
+        (
+            (
+                'name = "synchrotron"',
+                'name = "synchrotron"\nthermostat = {beta = {from = 1, to = 2, count = 3}, gamma = 1}',
+            ),
+        ),
+        ["beta of the thermostat", "from", "ss.sweep"],
+    ),
 ]
 
 

@@ -262,6 +262,13 @@ def _bath(file: str, given: object) -> dict[str, Any]:
             "{beta = 1.0, gamma = 0.5}, or beta alone for the noises of the model"
         )
     _known(file, "key of thermostat", given, ["beta", "gamma"])
+    for key, value in given.items():
+        if isinstance(value, dict):
+            raise SceneError(
+                f"{file}: [model] {key} of the thermostat = {checks.shown(value)}: a bath has the same {key} on all "
+                "paths: give a number, or one for each degree of freedom, and a run for each value, as ss.sweep does "
+                "with a function that makes the bath"
+            )
     return given
 
 
