@@ -419,3 +419,15 @@ def test_brackets_of_masses_are_those_of_scaled_positions(noises, scheme):
         if paths == 50:
             block = mine
     assert np.array_equal(block.q[:, :, :1], mine.q)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e6])
+def test_products_of_noises_in_other_units(unit):
+    """With another unit of length no product is called false, and paths are those in the first one, times the unit."""
+
+    def end(u):
+        m = ss.model_from_sympy("p**2/2 + a*cos(q/u)", ["s*sin(q/u)"], params={"a": u**2, "s": 0.3 * u**2, "u": u})
+        run = {"q0": 0.4 * u, "p0": 0.2 * u, "step": 0.05, "steps": 40, "paths": 3, "seed": 1}
+        return ss.simulate(m, scheme="gauss2_strong32", **run).q[-1] / u
+
+    np.testing.assert_allclose(end(unit), end(1.0), rtol=1e-12)

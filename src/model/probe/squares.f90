@@ -100,9 +100,13 @@ contains
       end do
       do i = 5, 6
          associate (before => slope(:, i - 4), behind => slope(:, i - 2))
-            flat = abs(s(:, i)) + merge(most(:, 4), largest, i == 5)
-            ! The condition is written so that NaN gives no verdict.
-            where (.not. (abs(before - behind) <= matching*flat .and. abs(points%q(:, 1)) <= too_far)) flat = huge(flat)
+            flat = merge(most(:, 4), largest, i == 5)
+            ! The condition is written so that NaN gives no verdict. Sides that agree beside s alone say nothing of it.
+            where (abs(before - behind) <= matching*max(abs(before), flat) .and. abs(points%q(:, 1)) <= too_far)
+               flat = abs(s(:, i)) + flat
+            elsewhere
+               flat = huge(flat)
+            end where
             wanted(:, i) = (before + behind)/2
             call compare(points, trim(names(i)), wanted(:, i), s(:, i), flat, error)
          end associate
