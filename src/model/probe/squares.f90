@@ -104,7 +104,7 @@ contains
             ! The condition is written so that NaN gives no verdict. Sides that agree beside s alone say nothing of it.
             where (abs(before - behind) <= matching*max(abs(before), flat) .and. abs(points%q(:, 1)) <= too_far)
                flat = abs(s(:, i)) + flat
-            elsewhere
+            else where
                flat = huge(flat)
             end where
             wanted(:, i) = (before + behind)/2
