@@ -1,14 +1,27 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Interfaces of the C functions of a user's model: arguments and results (symsde_gradient and so on in symsde.h).
+!> The C functions of a user's model, and their interfaces: arguments and results (symsde_gradient .. in symsde.h).
 !>
 !> Private to its family.
 module symsde_model_user_callback_functions
    use, intrinsic :: iso_c_binding, only: c_double, c_int, c_ptr
+   use symsde_model_chain_rows, only: chain_rows_callback
    implicit none
    private
-   public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
-   public :: third_derivative_callback, force_callback, force_derivative_callback, damping_callback, &
-             squares_callback, pull_callback
+   public :: user_functions, hessian_callback, gradient_hessian_callback
+   public :: force_callback, force_derivative_callback, damping_callback
+
+   !> The functions of a model, null where the user gives none; whole steps and parts of H have types of their own.
+   type :: user_functions
+      procedure(gradient_callback), pointer, nopass :: gradient => null()
+      procedure(value_callback), pointer, nopass :: value => null()
+      procedure(hessian_callback), pointer, nopass :: hessian => null()
+      procedure(hessian_vector_callback), pointer, nopass :: hessian_vector => null()
+      procedure(gradient_hessian_callback), pointer, nopass :: gradient_hessian => null()
+      procedure(third_derivative_callback), pointer, nopass :: third_derivative => null()
+      procedure(chain_rows_callback), pointer, nopass :: chain_rows => null()
+      procedure(squares_callback), pointer, nopass :: squares => null()
+      procedure(pull_callback), pointer, nopass :: pull => null()
+   end type user_functions
 
    abstract interface
       !> Gradient of sum_j w_j H_j.
