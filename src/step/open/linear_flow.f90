@@ -8,8 +8,9 @@
 !>
 !> X is a Taylor sum for a time tau/2^k and k doublings, X <- 2 X + X X, once for all steps of one size: of every group
 !> of degrees of freedom that A couples by itself, so that no lane multiplies more of them than are coupled. Entries
-!> below rounding are left out, and with them all that is far apart in a long chain. Four rows that share most of their
-!> columns are multiplied together, since a lane is loaded once for all of them.
+!> below rounding are left out, and with them all that is far apart in a long chain: those of q beside others of q, and
+!> those of p, which have another unit, beside others of p. Four rows that share most of their columns are multiplied
+!> together, since a lane is loaded once for all of them.
 module symsde_step_open_linear_flow
    use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
@@ -19,7 +20,7 @@ module symsde_step_open_linear_flow
    private
    public :: linear_flow, new_linear_flow, hamiltonian_field, damped_field, find_groups
 
-   real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries, as part of the largest of their row of exp(tau A)
+   real(wp), parameter :: negligible = scale(1.0_wp, -64)  !! entries, as part of the largest of one unit in their row
 
    integer, parameter :: together = 4  !! rows, and columns, of one pass over the lanes
 
@@ -176,7 +177,7 @@ contains
       type(linear_flow), intent(inout) :: self
       integer, intent(in) :: leg
       real(wp), intent(in) :: tau
-      real(wp) :: change(size(self%field, 1), size(self%field, 1)), least
+      real(wp) :: change(size(self%field, 1), size(self%field, 1))
       integer :: ndof, i, j, k, n
 
       self%duration(leg) = tau
@@ -185,13 +186,13 @@ contains
       do i = 1, ndof
          if (self%group(i) == i) call move_group(ndof, self%group, i, self%field, tau, change)
       end do
+      call leave_out(ndof, change)
       n = 0
       do i = 1, 2*ndof
          self%from(i, leg) = n
-         least = negligible*max(1.0_wp, maxval(abs(change(i, :))))
          do j = 1, ndof
             do k = j, ndof + j, ndof
-               if (abs(change(i, k)) <= least) cycle
+               if (abs(change(i, k)) <= 0) cycle
                n = n + 1
                self%column(n, leg) = k
                self%entry(n, leg) = change(i, k)
@@ -202,17 +203,35 @@ contains
       call find_rows(2*ndof, change, self%groups(:, leg))
    end subroutine set_leg
 
+   !> Let entries of X vanish that are below rounding.
+   pure subroutine leave_out(ndof, change)
+      integer, intent(in) :: ndof
+      real(wp), intent(inout) :: change(2*ndof, 2*ndof)
+      real(wp) :: least
+      integer :: i, j
+
+      do j = 0, ndof, ndof
+         do i = 1, 2*ndof
+            associate (x => change(i, j + 1:j + ndof))
+               least = negligible*maxval(abs(x))
+               if ((i > ndof) .eqv. (j > 0)) least = max(negligible, least)  ! beside the state itself
+               where (abs(x) <= least) x = 0
+            end associate
+         end do
+      end do
+   end subroutine leave_out
+
    !> Form groups of rows: a row takes those with the fewest entries in further columns, as rows of a band beside each
    !> other, and rows of q and p that hop to every second site.
    pure subroutine find_rows(n, change, groups)
       integer, intent(in) :: n
-      real(wp), intent(inout) :: change(n, n)   !! X; entries that are left out become zero
+      real(wp), intent(in) :: change(n, n)      !! X
       type(row_group), intent(inout) :: groups(:)
       logical :: there(n, n), taken(n), union(n)
       integer :: g, i, j, k, next, fewest, cost
 
       do i = 1, n
-         there(:, i) = abs(change(i, :)) > negligible*max(1.0_wp, maxval(abs(change(i, :))))
+         there(:, i) = abs(change(i, :)) > 0
       end do
       taken = .false.
       do g = 1, size(groups)
