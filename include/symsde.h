@@ -285,8 +285,9 @@ int symsde_model_set_quadratic_part(symsde_model model, const double *second, sy
 int symsde_model_set_action_kicks(symsde_model model, int on, symsde_error *error);
 /* Tell the wide model of symsde_path_gradient, of ndof positions and the parameters behind them, how the linear flows
  * between kicks of the model without parameters change: second[parameter][2*ndof][2*ndof], derivatives of S of its
- * quadratic part, and squares[parameter][ndof], of the squares of its frequencies; NULL where it has none. No run may be
- * using the model */
+ * quadratic part, and squares[parameter][ndof], of the squares of its frequencies; NULL where it has none. Gradients
+ * compare S_pq and S_pp with the Hessian of the wide model; S_qq and frequencies are a choice, and their slopes say how
+ * it changes. No run may be using the model */
 int symsde_model_set_flow_slopes(symsde_model wide, int ndof, const double *second, const double *squares,
                                  symsde_error *error);
 /* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the

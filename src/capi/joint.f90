@@ -251,7 +251,8 @@ contains
    !> Tell a model whose further positions are parameters how the linear flows between kicks of the model of ndof
    !> degrees of freedom change with them: derivatives of S (2 ndof, 2 ndof) of the quadratic part, and of the squares
    !> of the frequencies (ndof), for each parameter; NULL where there is no such flow. Refuses built-in models
-   !> (incompatible).
+   !> (incompatible), and matrices that are not symmetric (invalid_argument). Runs compare S_pq and S_pp with the
+   !> Hessian of the model.
    function symsde_model_set_flow_slopes(wide, ndof, second, squares, error) result(status) &
       bind(c, name='symsde_model_set_flow_slopes')
       type(c_ptr), intent(in), value :: wide, second, squares, error
@@ -260,6 +261,7 @@ contains
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
       real(wp), pointer, contiguous :: given(:, :)
+      type(model_traits) :: traits
       integer :: i, k
 
       k = 0
@@ -271,25 +273,25 @@ contains
                                              ' positions: give the degrees of freedom of the model without parameters')
       end if
       if (.not. allocated(refusal)) then
-         associate (traits => known%traits, n => 2*ndof)
-            if (allocated(traits%quadratic_slopes)) deallocate (traits%quadratic_slopes)
-            if (allocated(traits%rotation_slopes)) deallocate (traits%rotation_slopes)
+         traits = known%traits
+         if (allocated(traits%quadratic_slopes)) deallocate (traits%quadratic_slopes)
+         if (allocated(traits%rotation_slopes)) deallocate (traits%rotation_slopes)
+         associate (n => 2_i8*ndof)
             if (c_associated(second)) then
+               call view(second, n, n*k, given)
                allocate (traits%quadratic_slopes(n, n, k))
-               call view(second, int(n, i8), int(n, i8)*k, given)
-               do i = 1, n*k
-                  traits%quadratic_slopes(:, 1 + modulo(i - 1, n), 1 + (i - 1)/n) = given(:, i)
+               do i = 1, k
+                  traits%quadratic_slopes(:, :, i) = given(:, n*(i - 1) + 1:n*i)
                end do
             end if
             if (c_associated(squares)) then
-               allocate (traits%rotation_slopes(ndof, k))
                call view(squares, int(ndof, i8), int(k, i8), given)
-               do i = 1, k
-                  traits%rotation_slopes(:, i) = given(:, i)
-               end do
+               traits%rotation_slopes = given
             end if
          end associate
+         call check_traits('symsde_model_set_flow_slopes', known%name, traits, refusal)
       end if
+      if (.not. allocated(refusal)) known%traits = traits
       status = finish(refusal, error)
    end function symsde_model_set_flow_slopes
 

@@ -35,7 +35,7 @@ contains
 
    !> Refuse traits that no model can have: sizes (invalid_argument, too_large), a list of silent noises, of what
    !> noises touch or of frequencies of the wrong length (wrong_shape), degrees of freedom that do not exist, bounds
-   !> and frequencies below zero or not finite (invalid_argument).
+   !> and frequencies below zero or not finite (invalid_argument), matrices that are not symmetric (invalid_argument).
    subroutine check_traits(place, name, traits, error)
       character(*), intent(in) :: place            !! name of the calling procedure
       character(*), intent(in) :: name             !! name of the model
@@ -72,6 +72,7 @@ contains
       call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
       if (allocated(traits%rotation)) call check_rotation(place, model, traits, error)
       if (allocated(traits%quadratic_part)) call check_quadratic(place, model, traits, error)
+      call check_slopes(place, model, traits, error)
       if (traits%phase_noise .and. .not. traits%kicks_of_actions) &
          call raise(error, invalid_argument, place, model//'noises that are linear in the actions (phase_noise) '// &
                     'without kicks by functions of these; declare kicks_of_actions, too')
@@ -85,7 +86,6 @@ contains
       character(*), intent(in) :: place, model
       type(model_traits), intent(in) :: traits
       type(error_type), allocatable, intent(inout) :: error
-      integer :: i, j
 
       associate (s => traits%quadratic_part)
          if (any(shape(s) /= 2*traits%ndof)) then
@@ -94,20 +94,67 @@ contains
                        to_text(2*traits%ndof)//' rows')
             return
          end if
-         do j = 1, size(s, 2)
-            do i = 1, j
-               if (.not. (is_finite_lane(s(i, j)) .and. is_finite_lane(s(j, i)))) then
-                  call raise(error, invalid_argument, place, model//'a quadratic part with an entry ('//to_text(i)// &
-                             ','//to_text(j)//') that is not finite; give numbers')
-               else if (abs(s(i, j) - s(j, i)) > 8*epsilon(1.0_wp)*max(abs(s(i, j)), abs(s(j, i)))) then
-                  call raise(error, invalid_argument, place, model//'a quadratic part that is not symmetric: ('// &
-                             to_text(i)//','//to_text(j)//') = '//to_text(s(i, j))//', ('//to_text(j)//','// &
-                             to_text(i)//') = '//to_text(s(j, i))//'; give second derivatives')
-               end if
-            end do
-         end do
       end associate
+      call require_symmetric(place, model//'a quadratic part', traits%quadratic_part, error)
    end subroutine check_quadratic
+
+   !> Refuse derivatives of flows by parameters that are not those of symmetric matrices, or not finite; a model whose
+   !> positions end with k parameters has k of them.
+   subroutine check_slopes(place, model, traits, error)
+      character(*), intent(in) :: place, model
+      type(model_traits), intent(in) :: traits
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: k
+
+      if (allocated(traits%quadratic_slopes)) then
+         if (2*size(traits%quadratic_slopes, 3) + size(traits%quadratic_slopes, 1) /= 2*traits%ndof .or. &
+             size(traits%quadratic_slopes, 1) /= size(traits%quadratic_slopes, 2)) &
+            call refuse_shape('quadratic_slopes', 'matrices of 2 (ndof - k) rows')
+         do k = 1, size(traits%quadratic_slopes, 3)
+            if (allocated(error)) return
+            call require_symmetric(place, model//'a derivative of a quadratic part by parameter '//to_text(k), &
+                                   traits%quadratic_slopes(:, :, k), error)
+         end do
+      end if
+      if (allocated(traits%rotation_slopes)) then
+         if (sum(shape(traits%rotation_slopes)) /= traits%ndof) call refuse_shape('rotation_slopes', 'ndof - k numbers')
+         if (.not. all(is_finite_lane(traits%rotation_slopes))) &
+            call raise(error, invalid_argument, place, model//'a derivative of the square of a frequency that is '// &
+                       'not finite; give numbers')
+      end if
+
+   contains
+
+      subroutine refuse_shape(name, wanted)
+         character(*), intent(in) :: name, wanted
+
+         call raise(error, wrong_shape, place, model//to_text(traits%ndof)//' positions, and '//name// &
+                    ' for other numbers of positions or parameters; give '//wanted//' for each of k parameters')
+      end subroutine refuse_shape
+
+   end subroutine check_slopes
+
+   !> Refuse a matrix that is not symmetric, or has entries that are not finite.
+   subroutine require_symmetric(place, what, s, error)
+      character(*), intent(in) :: place, what  !! what it is, behind the name of its model
+      real(wp), intent(in) :: s(:, :)
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: i, j
+
+      if (allocated(error)) return
+      do j = 1, size(s, 2)
+         do i = 1, j
+            if (.not. (is_finite_lane(s(i, j)) .and. is_finite_lane(s(j, i)))) then
+               call raise(error, invalid_argument, place, what//' with an entry ('//to_text(i)//','//to_text(j)// &
+                          ') that is not finite; give numbers')
+            else if (abs(s(i, j) - s(j, i)) > 8*epsilon(1.0_wp)*max(abs(s(i, j)), abs(s(j, i)))) then
+               call raise(error, invalid_argument, place, what//' that is not symmetric: ('//to_text(i)//','// &
+                          to_text(j)//') = '//to_text(s(i, j))//', ('//to_text(j)//','//to_text(i)//') = '// &
+                          to_text(s(j, i))//'; give second derivatives')
+            end if
+         end do
+      end do
+   end subroutine require_symmetric
 
    !> Refuse supports of noises (touches) that are no lists of degrees of freedom (wrong_shape, invalid_argument).
    subroutine check_supports(place, model, traits, error)

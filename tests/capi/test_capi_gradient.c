@@ -146,104 +146,6 @@ static void check_pull(void) {
    symsde_model_delete(&model);
 }
 
-/* S = w_0 k (q^2 + p^2)/2 - 0.2 w_1 q, with k behind the user pointer, or as second position */
-static int spring_gradient(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p,
-                           double *hq, double *hp, void *user) {
-   (void)nham, (void)t;
-   for (int i = 0; i < n; i++) {
-      const double k = ndof > 1 ? q[n + i] : *(double *)user;
-      if (hq != NULL) {
-         hq[i] = w[i] * k * q[i] - 0.2 * w[n + i];
-      }
-      if (hq != NULL && ndof > 1) {
-         hq[n + i] = w[i] * (q[i] * q[i] + p[i] * p[i]) / 2;
-      }
-      if (hp != NULL) {
-         hp[i] = w[i] * k * p[i];
-      }
-      if (hp != NULL && ndof > 1) {
-         hp[n + i] = 0;
-      }
-   }
-   return 0;
-}
-
-static int spring_product(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p,
-                          const double *vq, const double *vp, double *uq, double *up, void *user) {
-   (void)ndof, (void)nham, (void)t, (void)user;
-   for (int i = 0; i < n; i++) {
-      uq[i] = w[i] * (q[n + i] * vq[i] + q[i] * vq[n + i]);
-      up[i] = w[i] * (q[n + i] * vp[i] + p[i] * vq[n + i]);
-      uq[n + i] = w[i] * (q[i] * vq[i] + p[i] * vp[i]);
-      up[n + i] = 0;
-   }
-   return 0;
-}
-
-/* q at the end by the spring k, whose flow stands between kicks */
-static void run_spring(symsde_model model, symsde_scheme scheme, double *own, double k, arrays *to) {
-   const double second[2][2] = {{k, 0}, {0, k}};
-   symsde_options options = some_options();
-   symsde_input input = some_input(&one, &zero);
-   symsde_paths paths = paths_in(to, 1);
-
-   *own = k;
-   OK(symsde_model_set_quadratic_part(model, &second[0][0], &error));
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
-}
-
-/* The derivative by k, through the flow of the quadratic part, whose slopes are told. */
-static void check_flow_slopes(void) {
-   const double right[4] = {1, 0, 0, 1}, faulty[4] = {1.01, 0, 0, 1}, squares[1] = {1};
-   symsde_model model = NULL, wide = NULL;
-   symsde_scheme scheme = new_scheme("gauss_dkdkd");
-   symsde_options options = some_options();
-   symsde_input input = some_input(&one, &zero);
-   symsde_traits traits;
-   double own = 1.3, k = 1.3, worst = 0, size = 0;
-
-   symsde_traits_init(&traits);
-   traits.nnoise = traits.ndof = traits.position_noise = 1;
-   OK(symsde_model_new("spring", &traits, spring_gradient, NULL, NULL, NULL, &own, &model, &error));
-   traits.ndof = 2;
-   traits.has_hessian_vector = 1;
-   OK(symsde_model_new("wide", &traits, spring_gradient, NULL, NULL, spring_product, NULL, &wide, &error));
-   run_spring(model, scheme, &own, k, &b);
-   EXPECT(SYMSDE_INCOMPATIBLE, "derivatives by these parameters are not known",
-          symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &k, last_q, NULL, value, by_q, by_p, status,
-                               failed_step, NULL, &error));
-   OK(symsde_model_set_flow_slopes(wide, 1, right, squares, &error));
-   OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &k, last_q, NULL, value, by_q, by_p, status,
-                           failed_step, NULL, &error));
-   for (int i = 0; i < PATHS; i++) {
-      CHECK(value[i] == b.last_q[i]);
-   }
-   run_spring(model, scheme, &own, k + 1e-5, &a);
-   run_spring(model, scheme, &own, k - 1e-5, &b);
-   for (int i = 0; i < PATHS; i++) {
-      worst = fmax(worst, fabs(by_q[PATHS + i] - (a.last_q[i] - b.last_q[i]) / 2e-5));
-      size = fmax(size, fabs(by_q[PATHS + i]));
-   }
-   CHECK(worst < 1e-8 * size && size > 1);
-   run_spring(model, scheme, &own, k, &b);
-   OK(symsde_model_set_flow_slopes(wide, 1, faulty, NULL, &error));
-   worst = by_q[PATHS];
-   OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &k, last_q, NULL, value, by_q, by_p, status,
-                           failed_step, NULL, &error));
-   CHECK(fabs(by_q[PATHS] - worst) > 1e-6);
-   OK(symsde_model_set_flow_slopes(wide, 1, NULL, squares, &error));
-   EXPECT(SYMSDE_INCOMPATIBLE, "derivatives by these parameters are not known",
-          symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &k, last_q, NULL, value, by_q, by_p, status,
-                               failed_step, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "ndof = 2 of 2 positions",
-          symsde_model_set_flow_slopes(wide, 2, right, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "ndof = 0", symsde_model_set_flow_slopes(wide, 0, right, NULL, &error));
-   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_flow_slopes(NULL, 1, right, NULL, &error));
-   symsde_scheme_delete(&scheme);
-   symsde_model_delete(&wide);
-   symsde_model_delete(&model);
-}
-
 /* q at the end for one sigma */
 static void run_with(double sigma, arrays *to) {
    const char *key = "sigma";
@@ -367,6 +269,5 @@ int main(void) {
    symsde_model_delete(&wide);
    symsde_model_delete(&model);
    check_pull();
-   check_flow_slopes();
    return close_report();
 }

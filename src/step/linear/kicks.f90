@@ -26,11 +26,13 @@ module symsde_step_linear_kicks
    use symsde_base_damping, only: noise_law3, noise_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
    use symsde_noise_decay_law, only: decay_integral
    use symsde_scheme_kicks, only: flow_free, flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none, frame_rotation, splitting_form
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_linear_flow_slopes, only: probe_slopes
    use symsde_step_linear_legs, only: leg_flow, find_linear, linear_legs, new_linear_legs, midpoint_legs, &
                                       new_midpoint_legs
    use symsde_step_linear_linear_step, only: linear_step, keep_parameters
@@ -63,6 +65,7 @@ module symsde_step_linear_kicks
    contains
       procedure :: back
       procedure :: forth
+      procedure :: check
       procedure :: set_parameters
    end type kicks_step
 
@@ -239,6 +242,17 @@ contains
          end do
       end do
    end subroutine forth
+
+   !> Test how flows between kicks change with parameters, unless a program derived it.
+   subroutine check(self, theta, t, h, error)
+      class(kicks_step), intent(inout) :: self
+      real(wp), intent(in) :: theta(:)
+      real(wp), intent(in) :: t, h
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error) .or. .not. allocated(self%slopes) .or. self%ham%model%passed%is_kept()) return
+      call probe_slopes(self%ham%model, self%second, self%slopes, theta(:self%nwide - self%ndof), t, error)
+   end subroutine check
 
    !> Parameters of this step, and of midpoint steps in it.
    subroutine set_parameters(self, theta)
