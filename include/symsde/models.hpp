@@ -205,6 +205,8 @@ struct functions {
 class model {
  public:
    using parameters = std::vector<std::pair<std::string, double>>;
+   /// numbers of each parameter for all paths [paths], or [1]; with row_paths = n of the options [paths / n]
+   using parameters_by_path = std::vector<std::pair<std::string, span<const double>>>;
 
    /// a built-in model; parameters that are not given keep their defaults
    explicit model(const std::string &name, const parameters &given = {}) {
@@ -220,6 +222,31 @@ class model {
           symsde_model_get(name.c_str(), static_cast<int>(keys.size()), keys.data(), values.data(), &handle, &failure),
           failure);
       handle_.reset(handle);
+   }
+
+   /// a built-in model with parameters that differ from path to path, as many numbers of each; they are copied
+   [[nodiscard]] static model by_path(const std::string &name, const parameters_by_path &given) {
+      const std::size_t rows = given.empty() ? 1 : given.front().second.size();
+      std::vector<const char *> keys;
+      std::vector<double> values;
+      for (const auto &[key, numbers] : given) {
+         if (numbers.size() != rows) {
+            throw error(SYMSDE_WRONG_SHAPE, "parameter " + key + " of model '" + name + "' has " +
+                                                std::to_string(numbers.size()) + " numbers, and " +
+                                                given.front().first + " has " + std::to_string(rows) +
+                                                ": give as many of each, one for each path or one for all");
+         }
+         keys.push_back(key.c_str());
+         values.insert(values.end(), numbers.begin(), numbers.end());
+      }
+      model made;
+      symsde_model handle = nullptr;
+      symsde_error failure;
+      check(symsde_model_get_by_path(name.c_str(), static_cast<int>(keys.size()), keys.data(),
+                                     static_cast<std::int64_t>(rows), values.data(), &handle, &failure),
+            failure);
+      made.handle_.reset(handle);
+      return made;
    }
 
    /// your own model
@@ -258,6 +285,8 @@ class model {
    }
 
  private:
+   model() = default;
+
    struct own {
       explicit own(functions &&functions_given) : given(std::move(functions_given)) {
       }

@@ -143,6 +143,32 @@ void built_in() {
    CHECK(std::string(quadrature.info().name) == "mine" && std::abs(same.q(2)[7] - found.q(2)[7]) < 1e-12);
 }
 
+/* Path i has the bits of a run of path i alone, and, to rounding, those of the model with its numbers. */
+void by_path() {
+   std::vector<double> a(50), sigma(50);
+   for (std::size_t i = 0; i < 50; i++) {
+      a[i] = 1 + 0.01 * static_cast<double>(i);
+      sigma[i] = 0.3 + 0.2 * std::cos(0.7 * static_cast<double>(i));
+   }
+   const symsde::scheme midpoint("midpoint");
+   const auto all = symsde::simulate(symsde::model::by_path("kubo", {{"a", a}, {"sigma", sigma}}), midpoint,
+                                     some_options(100, 50), {one, zero});
+   auto chosen = some_options(100, 1);
+   chosen.first_path = 7;
+   const double frequency[] = {a[7]}, noise[] = {sigma[7]};
+   const auto alone = symsde::simulate(symsde::model::by_path("kubo", {{"a", frequency}, {"sigma", noise}}), midpoint,
+                                       chosen, {one, zero});
+   const auto plain =
+       symsde::simulate(symsde::model("kubo", {{"a", a[7]}, {"sigma", sigma[7]}}), midpoint, chosen, {one, zero});
+   CHECK(alone.q(2)[0] == all.q(2)[7] && alone.p(2)[0] == all.p(2)[7]);
+   CHECK(std::abs(plain.q(2)[0] - all.q(2)[7]) + std::abs(plain.p(2)[0] - all.p(2)[7]) < 1e-12);
+   CHECK(std::abs(all.q(2)[7] - all.q(2)[8]) > 1e-3);
+   EXPECT(SYMSDE_WRONG_SHAPE, "parameter sigma of model 'kubo' has 1 numbers, and a has 50",
+          symsde::model::by_path("kubo", {{"a", a}, {"sigma", noise}}));
+   EXPECT(SYMSDE_UNKNOWN_NAME, "sigm", symsde::model::by_path("kubo", {{"sigm", sigma}}));
+   EXPECT(SYMSDE_INCOMPATIBLE, "alpha", symsde::model::by_path("henon_heiles", {{"alpha", a}}));
+}
+
 void own_model() {
    std::atomic<int> calls{0};
    const auto mine = pendulum(0.4, calls);
@@ -384,6 +410,7 @@ void prepared() {
 int main() {
    texts();
    built_in();
+   by_path();
    own_model();
    beside_the_catalogue();
    several();
