@@ -10,17 +10,10 @@
 !> effect. Every part is a Hamiltonian whose exact gradient is used, so a symplectic scheme remains symplectic.
 !>
 !> Single brackets need gradients and Hessian-vector products, grad {F,G} = Hess F (G_p,-G_q) - Hess G (F_p,-F_q).
-!> The nested bracket would need third derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q),
-!> it is replaced by
-!>
-!>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
-!>    - [H_k(x+au+bv) + H_k(x-au-bv) - H_k(x+au-bv) - H_k(x-au+bv)]/(4ab),   a = r |h|, b = r sqrt|h|
-!>
-!> where H means F/h: differences over r times the step's own displacements by drift and by noise. This expression
-!> differs from the bracket by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2.
-!> No difference is needed for noise that depends on position alone with H = p.M^-1 p/2 + U(q) and a diagonal M, where
-!> the brackets are F_q . M^-1 p and H_k,q . M^-1 H_k,q; nor for models that offer third derivatives, or have none
-!> (step/hamiltonian/brackets_exact).
+!> The nested bracket would need third derivatives, and is replaced by differences
+!> (step/hamiltonian/brackets_differences). None is needed for noise that depends on position alone with
+!> H = p.M^-1 p/2 + U(q) and a diagonal M, where the brackets are F_q . M^-1 p and H_k,q . M^-1 H_k,q; nor for models
+!> that offer third derivatives, or have none (step/hamiltonian/brackets_exact).
 !>
 !> H may depend on time. If noises do, the brackets become those of the phase space with time, {H_k,H} + H_{k,t}: with
 !> the ends t_0 and t_1 of the step
@@ -43,18 +36,16 @@ module symsde_step_hamiltonian_brackets
    use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
    use symsde_scheme_scheme, only: bracket_terms
-   use symsde_step_hamiltonian_brackets_exact, only: exact_bracket, new_exact_bracket, has_exact_bracket
+   use symsde_step_hamiltonian_brackets_differences, only: difference_bracket, new_difference_bracket
+   use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
    use symsde_step_hamiltonian_mass, only: constant_mass, new_constant_mass
    use symsde_step_hamiltonian_noise_rows, only: new_noise_rows
    implicit none
    private
-   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, single_weights, reach
+   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, single_weights
 
-   real(wp), parameter :: reach = 0.5_wp  !! r: differences reach over this part of the step's displacements
-
-   !> The added parts, with work arrays for one evaluation. The fields u, v, the products and the counters come from
-   !> exact_bracket; here (xq, xp) is a displaced point, (bq, bp) the gradient of one bracket, (sq, sp) the sum of all.
-   type, extends(exact_bracket) :: modified_hamiltonian
+   !> The added parts, with work arrays for one evaluation; here (bq, bp) is the gradient of one bracket.
+   type, extends(difference_bracket) :: modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
       logical, private :: heavy = .false.                 !! the same with a diagonal mass, the same for all paths
@@ -65,10 +56,8 @@ module symsde_step_hamiltonian_brackets
       logical, private :: together = .false.      !! single and nested brackets of `simple` by the same calls
       logical, private :: begun = .false.         !! whether callers call `begin` before the evaluations of a step
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
-      real(wp), allocatable, private :: nested(:, :)       !! weights of F/h in the nested brackets (nlane, 0:nnoise)
-      real(wp), allocatable, private :: g(:, :)            !! weights of a sum (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :), private :: bq, bp, sq, sp, xp  !! (nlane, ndof)
+      real(wp), allocatable, dimension(:, :), private :: bq, bp  !! (nlane, ndof)
       type(algebra_work), private :: work
    contains
       procedure :: begin
@@ -106,7 +95,7 @@ contains
       integer, intent(in) :: nlane
       type(kernel_offers) :: offers
 
-      call new_exact_bracket(self, model, nlane)
+      call new_difference_bracket(self, model, nlane)
       self%active = active_brackets(brackets, model%traits)
       call self%sort()
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
@@ -124,9 +113,8 @@ contains
       ! for noise in position, and has no gradient for additive noise.
       if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
       associate (n => self%ndof, m => self%nnoise)
-         allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
-         self%nested(:, 0) = 1
-         allocate (self%bq(nlane, n), self%bp(nlane, n), self%sq(nlane, n), self%sp(nlane, n), self%xp(nlane, n))
+         allocate (self%c(nlane, 0:m), source=0.0_wp)
+         allocate (self%bq(nlane, n), self%bp(nlane, n))
          call new_algebra_work(self%work, nlane, n, m)
       end associate
    end subroutine new_modified_hamiltonian
@@ -236,9 +224,9 @@ contains
       else if (has_exact_bracket(self%model%traits)) then
          call self%add_exact(self%nested, t, step%h, q, p, self%sq, self%sp)
       else if (self%model%traits%additive) then
-         call add_shifts(self, t, step%h, q, p)
+         call self%add_shifts(t, step%h, q, p)
       else
-         call add_differences(self, t, step%h, q, p)
+         call self%add_differences(t, step%h, q, p)
       end if
    end subroutine add_nested
 
@@ -310,8 +298,8 @@ contains
       if (self%active%single) then
          ! The difference of two gradients at the same point: add_sum adds the first and subtracts the second.
          self%g = self%c/step%h
-         call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
-         call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
+         call self%add_sum(t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
+         call self%add_sum(step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
       end if
       if (.not. self%turning) return
       ! c grad {F,G} with F = H_k(t_1), G = H_k(t_0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
@@ -395,128 +383,5 @@ contains
       self%nproduct = self%nproduct + 1
       self%sq = self%sq + c*self%gq
    end subroutine add_curved
-
-   !> Additive noise: the fields v are constant, so {{H,H_k},H_k} = H''[v,v], and a second difference of H along v
-   !> suffices: c sum_k [H(x+bv) + H(x-bv) - 2 H(x)] with c = (h|h|/12)/b^2.
-   subroutine add_shifts(self, t, h, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, h
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp) :: b, c
-      integer :: k
-
-      ! A displacement b v is about r times that of the noise in a step: v is as large as the field, and dW as sqrt|h|.
-      b = reach*sqrt(abs(h))
-      c = h/(12*reach**2)
-      self%g = 0
-      self%g(:, 0) = 1
-      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*self%colours%n) ! the middle terms of all differences together
-      do k = 1, self%colours%n
-         call self%field_of_colour(t, k, q, p)
-         call add_sum(self, t, q, p, 0.0_wp, b, c)
-         call add_sum(self, t, q, p, 0.0_wp, -b, c)
-      end do
-   end subroutine add_shifts
-
-   !> The general case, with H and u of F/h. With G(e,f) = grad H_k at x + e u + f v, and correspondingly g(f) of H at x
-   !> + f v, the sum is
-   !>
-   !>    c [g(b) + g(-b) - 2 g(0)] + (Dv)^T c b [g(b) - g(-b)]                     c = (h|h|/12)/b^2
-   !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
-   !>
-   !> where (Dv)^T y = Hess H_k (-y_p, y_q). The terms with Du and Dv occur since the points depend on q and p: with
-   !> them the sum is the gradient of a function; without them it would be none, and the step not symplectic. The
-   !> arguments of (Dv)^T are collected in (rq, rp), those of (Du)^T in (yq, yp): one Hessian-vector product for every
-   !> noise, and one for H at the end.
-   subroutine add_differences(self, t, h, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, h
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp) :: a, b, c, c2
-      integer :: k
-
-      ! Displacements a along u are r times that by drift, displacements b along v r times that by noise.
-      a = reach*abs(h)
-      b = reach*sqrt(abs(h))
-      c = h/(12*reach**2)
-      c2 = h*abs(h)/(48*a*b)
-      call self%field_of_sum(t, self%nested, q, p, self%uq, self%up)
-      self%yq = 0
-      self%yp = 0
-      do k = 1, self%colours%n
-         call self%field_of_colour(t, k, q, p)
-         self%rq = 0
-         self%rp = 0
-         call second_difference(self, t, b, c, q, p)
-         call mixed_difference(self, t, a, b, c2, q, p)
-         ! (Dv)^T is linear, so its arguments from both differences are collected first.
-         call self%add_transposed(t, self%f, self%rq, self%rp, q, p, self%sq, self%sp)
-      end do
-      call self%add_transposed(t, self%nested, self%yq, self%yp, q, p, self%sq, self%sp)
-      ! -2c sum_k grad H, from the field of H
-      self%sq = self%sq + (2*c*self%colours%n)*self%up
-      self%sp = self%sp - (2*c*self%colours%n)*self%uq
-   end subroutine add_differences
-
-   !> Add c [g(b) + g(-b)] to (sq, sp), and store c b [g(b) - g(-b)], for the field of H_k, in (rq, rp).
-   subroutine second_difference(self, t, b, c, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, b, c
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      integer :: sign
-
-      ! g is the gradient of F/h, with separate weights.
-      self%g = self%nested
-      do sign = -1, 1, 2
-         call add_sum(self, t, q, p, 0.0_wp, sign*b, c)
-         self%rq = self%rq + (sign*c*b)*self%gq
-         self%rp = self%rp + (sign*c*b)*self%gp
-      end do
-   end subroutine second_difference
-
-   !> Add the four gradients of H_k, -c s r G(s a, r b); add the terms of the fields, -c r a G for Du and -c s b G
-   !> for Dv, to (yq, yp) and (rq, rp).
-   subroutine mixed_difference(self, t, a, b, c, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, a, b, c
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      integer :: s, r
-
-      ! G is the gradient of H_k alone, at the four corners of x + s a u + r b v.
-      self%g = self%f
-      do r = -1, 1, 2
-         do s = -1, 1, 2
-            call add_sum(self, t, q, p, s*a, r*b, -s*r*c)
-            self%yq = self%yq - (r*a*c)*self%gq
-            self%yp = self%yp - (r*a*c)*self%gp
-            self%rq = self%rq - (s*b*c)*self%gq
-            self%rp = self%rp - (s*b*c)*self%gp
-         end do
-      end do
-   end subroutine mixed_difference
-
-   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to (sq, sp). If e or f is
-   !> zero, the field is not read, since it may be undefined.
-   subroutine add_sum(self, t, q, p, e, f, c)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, e, f, c
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-
-      ! The points are formed in copies, since the caller needs the same x for further points.
-      self%xq = q
-      self%xp = p
-      if (abs(e) > 0) then
-         self%xq = self%xq + e*self%uq
-         self%xp = self%xp + e*self%up
-      end if
-      if (abs(f) > 0) then
-         self%xq = self%xq + f*self%vq
-         self%xp = self%xp + f*self%vp
-      end if
-      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, self%g, self%xq, self%xp, self%gq, self%gp)
-      self%ngradient = self%ngradient + 1
-      self%sq = self%sq + c*self%gq
-      self%sp = self%sp + c*self%gp
-   end subroutine add_sum
 
 end module symsde_step_hamiltonian_brackets
