@@ -105,6 +105,34 @@ static int linear_pull(int n, int ndof, int nham, int nmoving, int nstep, double
    return 0;
 }
 
+static int faulty_product(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          const double *vq, const double *vp, double *uq, double *up, void *user) {
+   const int code = linear_product(n, ndof, nham, t, w, q, p, vq, vp, uq, up, user);
+
+   for (int i = 0; i < n; i++) {
+      uq[n + i] *= 1.01;
+   }
+   return code;
+}
+
+/* A wide model with a wrong Hessian is refused, and one that is another model at these parameters. */
+static void check_wide(symsde_model model, symsde_scheme scheme, symsde_traits traits, symsde_model right,
+                       double sigma) {
+   const symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   const double other = 1.01 * sigma;
+   symsde_model wide = NULL;
+
+   OK(symsde_model_new("wide", &traits, linear_gradient, NULL, NULL, faulty_product, NULL, &wide, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "wide|hessian_vector",
+          symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "dH_1/dq_1 of model 'wide' is -0.303|'linear_oscillator' is -0.3",
+          symsde_path_gradient(model, right, scheme, &options, &input, 1, 1, &other, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   symsde_model_delete(&wide);
+}
+
 /* Gradients with a pull are those without it; a wrong one is refused. */
 static void check_pull(void) {
    static double with_pull[2 * PATHS], other_p[PATHS];
@@ -113,9 +141,10 @@ static void check_pull(void) {
    symsde_options options = some_options();
    symsde_input input = some_input(&one, &zero);
    symsde_traits traits;
+   const char *key = "sigma";
    double sigma = 0.3, factor = 1, worst = 0;
 
-   OK(symsde_model_get("linear_oscillator", 0, NULL, NULL, &model, &error));
+   OK(symsde_model_get("linear_oscillator", 1, &key, &sigma, &model, &error));
    symsde_traits_init(&traits);
    traits.ndof = 2;
    traits.nnoise = 1;
@@ -123,6 +152,7 @@ static void check_pull(void) {
    OK(symsde_model_new("wide", &traits, linear_gradient, NULL, NULL, linear_product, &factor, &wide, &error));
    OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, by_q, by_p, status,
                            failed_step, NULL, &error));
+   check_wide(model, scheme, traits, wide, sigma);
    OK(symsde_model_set_pull(wide, linear_pull, &error));
    OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, with_pull, other_p,
                            status, failed_step, NULL, &error));

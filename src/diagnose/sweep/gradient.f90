@@ -16,6 +16,7 @@ module symsde_diagnose_sweep_gradient
    use symsde_base_text, only: to_text
    use symsde_diagnose_sweep_sweeper, only: sweep_plan, sweep_observer, numbers_of_step, rest, end_if_stopped
    use symsde_diagnose_sweep_path_function, only: path_function
+   use symsde_diagnose_sweep_probe_wide, only: probe_wide
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type, tell_warnings
    use symsde_ensemble_observe_observer, only: observer_type
@@ -85,7 +86,7 @@ contains
       integer :: most, nrate
       logical :: by_position
 
-      call resolve_linear(task, model, wide, scheme, options, theta, nrate, by_position, error)
+      call resolve_linear(task, model, wide, scheme, options, from, theta, nrate, by_position, error)
       if (allocated(error)) return
       value = 0
       u = 0
@@ -150,13 +151,14 @@ contains
       steps_at_once = max(rest, steps_at_once)
    end function steps_at_once
 
-   !> Resolve the task of a run. Refused are models and schemes without exact derivatives, compensated sums, and a wrong
-   !> number of parameters or of their rows.
-   subroutine resolve_linear(task, model, wide, scheme, options, theta, nrate, by_position, error)
+   !> Resolve the task of a run. Refused are models and schemes without exact derivatives, wide models that are not the
+   !> model, compensated sums, and a wrong number of parameters or of their rows.
+   subroutine resolve_linear(task, model, wide, scheme, options, from, theta, nrate, by_position, error)
       type(stepper_task), intent(out) :: task
       class(model_type), intent(in), target :: model, wide
       type(scheme_type), intent(in), target :: scheme
       type(run_options), intent(in) :: options
+      type(initial_state), intent(in) :: from
       real(wp), intent(in) :: theta(:, :)   !! parameters (npath or 1, nparameter)
       integer, intent(out) :: nrate         !! rates of damping that derivatives are by: none, or all
       logical, intent(out) :: by_position   !! steps are linearised without the momenta of the path
@@ -174,8 +176,11 @@ contains
       if (allocated(error)) return
       call new_linear_step(step, task, model, wide, nrate, options%step, lane_unit)
       by_position = step%by_position
-      if (size(theta, 1) > 0 .and. size(theta, 2) == wide%traits%ndof - model%traits%ndof + nrate) &
+      if (size(theta, 1) > 0 .and. size(theta, 2) == wide%traits%ndof - model%traits%ndof + nrate) then
+         call probe_wide(model, wide, options%t0, from%q(1, :), from%p(1, :), &
+                         theta(1, :wide%traits%ndof - model%traits%ndof), error)
          call step%check(theta(1, :), options%t0, options%step, error)
+      end if
       if (allocated(error)) return
       associate (needed => wide%traits%ndof - model%traits%ndof + nrate)
          if (options%compensated) then

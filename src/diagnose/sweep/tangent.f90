@@ -57,7 +57,7 @@ contains
       integer :: nrate
       logical :: by_position
 
-      call resolve_linear(task, model, wide, scheme, options, theta, nrate, by_position, error)
+      call resolve_linear(task, model, wide, scheme, options, from, theta, nrate, by_position, error)
       if (allocated(error)) return
       logs = 0
       status = 0
