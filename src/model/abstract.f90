@@ -51,7 +51,6 @@ module symsde_model_abstract
       procedure :: clear_failure => nothing_to_clear
       procedure :: note_failure => nothing_to_note
       procedure :: set_forces
-      procedure :: refuse_open
       procedure :: refuse_forces
       procedure :: require_gradient
       procedure :: calls_users
@@ -256,17 +255,6 @@ contains
       call self%passed%forget()
    end subroutine set_forces
 
-   !> Refuse a model that is damped, or on which forces act, in procedures that know closed systems alone.
-   subroutine refuse_open(self, place, what, error)
-      class(model_type), intent(in) :: self
-      character(*), intent(in) :: place   !! the procedure
-      character(*), intent(in) :: what    !! the quantity that only closed systems have
-      type(error_type), allocatable, intent(inout) :: error
-
-      call self%damping%refuse(self%name, place, what, error)
-      call self%refuse_forces(place, what, error)
-   end subroutine refuse_open
-
    !> Whether functions of users act beside the Hamiltonians: forces, or rates of damping.
    pure logical function calls_users(self)
       class(model_type), intent(in) :: self
@@ -274,10 +262,11 @@ contains
       calls_users = associated(self%forces) .or. .not. self%damping%is_constant()
    end function calls_users
 
-   !> Refuse a model on which forces act.
+   !> Refuse a model on which forces act (incompatible), in procedures that know systems without them alone.
    subroutine refuse_forces(self, place, what, error)
       class(model_type), intent(in) :: self
-      character(*), intent(in) :: place, what   !! see refuse_open
+      character(*), intent(in) :: place   !! the procedure
+      character(*), intent(in) :: what    !! the quantity that only systems without forces have
       type(error_type), allocatable, intent(inout) :: error
 
       if (associated(self%forces) .and. .not. allocated(error)) &
@@ -288,7 +277,8 @@ contains
    !> Refuse a model without gradients, of which flows of two parts of H are all that is given (missing_operation).
    subroutine require_gradient(self, place, what, error)
       class(model_type), intent(in) :: self
-      character(*), intent(in) :: place, what   !! see refuse_open
+      character(*), intent(in) :: place   !! the procedure
+      character(*), intent(in) :: what    !! what takes gradients
       type(error_type), allocatable, intent(inout) :: error
 
       if (self%traits%has_gradient .or. allocated(error)) return

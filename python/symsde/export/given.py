@@ -34,7 +34,6 @@ _TAKEN = frozenset(
             "clear_failure",
             "note_failure",
             "set_forces",
-            "refuse_open",
             "refuse_forces",
             "require_gradient",
             "forces",

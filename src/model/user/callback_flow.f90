@@ -11,7 +11,7 @@ module symsde_model_user_callback_flow
    use symsde_base_record, only: steps_record
    implicit none
    private
-   public :: user_flows, flow_callback
+   public :: user_flows
 
    !> Place of the decays of damped steps, functionals[5] of symsde_flow in symsde.h: it stays there if functionals are
    !> added, which follow it, since functions of users were compiled with it.

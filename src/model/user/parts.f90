@@ -24,7 +24,7 @@ module symsde_model_user_parts
    use symsde_model_user_outputs, only: little, find_room, spoil
    implicit none
    private
-   public :: user_parts, drift_callback, kick_callback, refuse_declarations
+   public :: user_parts, refuse_declarations
 
    abstract interface
       !> The flow of D over the time tau, of either sign, from the time t on.
@@ -58,7 +58,6 @@ module symsde_model_user_parts
       procedure(kick_callback), pointer, nopass :: on_kick => null()
    contains
       procedure :: set
-      procedure :: are_given
       procedure :: make
       procedure :: drift
       procedure :: kick
@@ -102,12 +101,6 @@ contains
       call c_f_procpointer(drift, self%on_drift)
       call c_f_procpointer(kick, self%on_kick)
    end subroutine set
-
-   pure logical function are_given(self)
-      class(user_parts), intent(in) :: self
-
-      are_given = associated(self%on_drift)
-   end function are_given
 
    !> Whether steps by this map are made of the two flows.
    pure logical function make(self, map)
