@@ -121,7 +121,8 @@ static void check_wide(symsde_model model, symsde_scheme scheme, symsde_traits t
    const symsde_options options = some_options();
    const symsde_input input = some_input(&one, &zero);
    const double other = 1.01 * sigma;
-   symsde_model wide = NULL;
+   const char *key = "sigma";
+   symsde_model wide = NULL, by_path = NULL;
 
    OK(symsde_model_new("wide", &traits, linear_gradient, NULL, NULL, faulty_product, NULL, &wide, &error));
    EXPECT(SYMSDE_FALSE_TRAIT, "wide|hessian_vector",
@@ -130,6 +131,14 @@ static void check_wide(symsde_model model, symsde_scheme scheme, symsde_traits t
    EXPECT(SYMSDE_FALSE_TRAIT, "dH_1/dq_1 of model 'wide' is -0.303|'linear_oscillator' is -0.3",
           symsde_path_gradient(model, right, scheme, &options, &input, 1, 1, &other, last_q, NULL, value, by_q, by_p,
                                status, failed_step, NULL, &error));
+   for (int i = 0; i < PATHS; i++) {
+      value[i] = 0.3 + 0.001 * i;
+   }
+   OK(symsde_model_get_by_path("pendulum", 1, &key, PATHS, value, &by_path, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "differ from path to path",
+          symsde_path_gradient(by_path, by_path, scheme, &options, &input, 0, 1, NULL, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   symsde_model_delete(&by_path);
    symsde_model_delete(&wide);
 }
 

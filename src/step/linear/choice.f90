@@ -48,6 +48,10 @@ contains
          else if (.not. (wide%traits%has_hessian .or. wide%traits%has_hessian_vector)) then
             call raise(error, missing_operation, place, 'model '//wide%name//' has no Hessian and no products with '// &
                        'it, and the derivative of a step is made of them: give hessian or hessian_vector, or formulas')
+         else if (wide%traits%npath > 0) then
+            call raise(error, incompatible, place, 'parameters of model '//wide%name//' differ from path to path, '// &
+                       'and the derivative of a step has one row of them: give them as further positions of the '// &
+                       'wide model, with a row of parameters for each path')
          else if (is_silent(t, wide%traits)) then
             call refuse('a noise of model '//task%model%name//' is zero and not drawn, and a parameter changes it; '// &
                         'give the parameter a small value')
