@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Optional functions of a user's model: gradient and Hessian together, third derivatives, rows of a chain, products
-!> of its noises, whole steps of schemes, parameters by path, a quadratic part of H; and declarations that its functions
-!> accept NULL or any number of lanes.
+!> of its noises, covectors over several steps, whole steps of schemes, parameters by path, a quadratic part of H, how
+!> it changes with parameters, and kicks by actions; and declarations that its functions accept NULL or any number of
+!> lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_associated, c_funptr, c_int, c_int64_t, c_ptr
    use symsde_base_damping, only: damping_type
