@@ -63,7 +63,7 @@ contains
       real(wp), dimension(nlane, 0:points%nnoise) :: one, w, c
       real(wp), dimension(nlane, 1) :: hq, hp, uq, up, x, found
       real(wp), dimension(nlane, 6) :: s, wanted, most, aside, slope
-      real(wp) :: e(nlane), flat(nlane)
+      real(wp), dimension(nlane) :: e, flat, squared
       integer :: i, j, side
 
       one = 0
@@ -98,12 +98,14 @@ contains
          slope(:, side + 2) = (aside(:, 4) - s(:, 4))/(side*e)
          slope(:, side + 3) = (hq(:, 1) - found(:, 1))/(side*e)
       end do
+      ! Terms H_k,qq^2 + H_k,qqq H_k,q of g' may cancel where those of g vanish: sin(q) and cos(q) at 0 have g' = -1 + 1.
+      squared = most(:, 4)**2 + abs(s(:, 5))*most(:, 3)
       do i = 5, 6
          associate (before => slope(:, i - 4), behind => slope(:, i - 2))
             flat = merge(most(:, 4), largest, i == 5)
             ! The condition is written so that NaN gives no verdict. Sides that agree beside s alone say nothing of it.
             where (abs(before - behind) <= matching*max(abs(before), flat) .and. abs(points%q(:, 1)) <= too_far)
-               flat = abs(s(:, i)) + flat
+               flat = abs(s(:, i)) + flat + merge(0.0_wp, squared, i == 5)
             else where
                flat = huge(flat)
             end where
