@@ -26,6 +26,8 @@ module symsde_base_lane_paths
       integer :: depth = 0
       integer(i8) :: first = 0            !! first path of the run
       integer(i8) :: each = 1             !! neighbouring paths with the same place
+      logical, public :: moves_zeros = .false.  !! whether parameters that are zero are small instead: for probes of
+                                                !! what formulas hold, whatever the values are
       integer(i8) :: last_number = 0
       type(path_list) :: lists(0:most_deep)
    contains

@@ -436,7 +436,7 @@ def test_products_of_noises_in_other_units(unit):
 @pytest.mark.parametrize("s", [0.3, 1.0])
 @pytest.mark.parametrize("noises", [("s*sin(q)", "s*cos(q)"), ("s*sin(q)", "s*sinh(q)")])
 def test_products_of_noises_that_cancel(noises, s):
-    """Where products of noises are a difference of equal terms, their slope is rounding and no model is called false."""
+    """Where products of noises are a difference of equal terms, their slope is rounding, and no model is false."""
     m = ss.model_from_sympy("p**2/2 - cos(q)", noises, params={"s": s})
     for q0 in (0.0, np.pi / 2, np.pi):
         assert np.isfinite(ss.simulate(m, q0=q0, p0=0.2, step=0.01, steps=4, scheme="gauss2").q).all()

@@ -302,3 +302,25 @@ def test_lists_in_scenes(tmp_path):
     file.write_text(file.read_text().replace("paths = 3", "paths = 4"))
     with pytest.raises(ss.errors.SceneError, match="paths = 4 is not a multiple of 3, the number of values of sigma"):
         scene.load(file)
+
+
+W = np.where(np.arange(12) < 9, 0.0, 3.0)  # noise is constant on the first eight paths, and changes on the last
+
+
+@pytest.mark.parametrize("values", [W, W[::-1]], ids=["last", "first"])
+@pytest.mark.parametrize("scheme", ["verlet_dz", "averaged_shift_midpoint", "gauss2_strong32", "gauss2_strong32_areas"])
+def test_noise_that_changes_in_time_on_some_paths(scheme, values):
+    """Each path has its own bits where the noises of others change in time, and its own do not."""
+    noises = [["s*q*cos(w*t)"]]
+    if "strong" in scheme:
+        noises = [["s*q**2*cos(w*t)"], ["s*q1*q2*cos(w*t)", "s*q1*(1 + w*t)"]]
+    for noise in noises:
+        h = "p**2/2 + q**2/2" if len(noise) == 1 else "(p1**2 + p2**2 + q1**2)/2 + q2**2"
+        model = ss.model_from_sympy(h, noise, params={"s": 0.3, "w": 1.0})
+        run = {**RUN, "scheme": scheme, "first_path": 0}
+        whole = ss.simulate(model.with_parameters(w=values), **run, paths=12)
+        for i, w in enumerate(values):
+            mine = ss.simulate(model.with_parameters(w=values[i : i + 1]), **{**run, "first_path": i}, paths=1)
+            assert np.array_equal(whole.q[:, :, i], mine.q[:, :, 0]), (i, w)
+            number = ss.simulate(model.with_parameters(w=w), **{**run, "first_path": i}, paths=1)
+            np.testing.assert_allclose(mine.q, number.q, rtol=1e-12, atol=1e-14)

@@ -4,11 +4,13 @@
 !> Whether noises change in time: compare their gradients at eight points and many times bit by bit, since a Hamiltonian
 !> that does not depend on time gives the same bits at all times. Points and times can prove that noises change, not
 !> that they do not: a change after 1e5 units of time, or one that is over between two of the tested times, is not
-!> noticed.
+!> noticed. Where parameters go by path, the noises of all paths are looked at, eight paths at a time, each at a point.
+!> A parameter that is zero counts as small: steps of a path must not depend on its neighbours, not by a last bit.
 module symsde_model_probe_noise_time
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
    use symsde_model_abstract, only: model_type
+   use symsde_model_probe_one_path, only: one_path
    implicit none
    private
    public :: noise_changes_in_time
@@ -21,10 +23,11 @@ contains
    !> True if the gradient of the noises, all in one sum with different weights in each lane, differs at some later time
    !> from the gradient at t = 0.
    logical function noise_changes_in_time(model)
-      class(model_type), intent(in) :: model
-      real(wp), dimension(lane_unit, model%traits%ndof) :: q, p, hq, hp, first_q, first_p
+      class(model_type), intent(in), target :: model
+      real(wp), dimension(lane_unit, model%traits%ndof) :: q, p
       real(wp) :: w(lane_unit, 0:model%traits%nnoise)
-      real(wp) :: later
+      type(one_path) :: paths
+      integer(i8) :: place
       integer :: i, l
 
       noise_changes_in_time = .false.
@@ -39,19 +42,36 @@ contains
       do i = 1, model%traits%nnoise
          w(:, i) = [(1 + 0.37_wp*sin(1.9_wp*i + l), l=1, lane_unit)]
       end do
-      associate (n => model%traits%ndof, m => model%traits%nnoise)
-         if (m == 0) return
-         call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
-         later = earliest
-         ! Test about forty points in time, in geometric progression, since the model's unit of time is unknown.
-         do while (later < latest)
-            call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
-            noise_changes_in_time = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)
-            if (noise_changes_in_time) return
-            later = ratio*later
-         end do
-      end associate
+      if (model%traits%nnoise == 0) return
+      call paths%begin(model, moves_zeros=.true.)
+      do place = 0, paths%count - 1, lane_unit
+         call paths%look_at(place, lane_unit)
+         noise_changes_in_time = changes(paths%model, model%traits%ndof, model%traits%nnoise, w, q, p)
+         if (noise_changes_in_time) exit
+      end do
+      call paths%finish()
    end function noise_changes_in_time
+
+   !> Whether the gradient of this sum changes at these points.
+   logical function changes(model, n, m, w, q, p)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, m
+      real(wp), intent(in) :: w(lane_unit, 0:m)
+      real(wp), intent(in), dimension(lane_unit, n) :: q, p
+      real(wp), dimension(lane_unit, n) :: hq, hp, first_q, first_p
+      real(wp) :: later
+
+      changes = .false.
+      call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
+      later = earliest
+      ! Test about forty points in time, in geometric progression, since the model's unit of time is unknown.
+      do while (later < latest)
+         call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
+         changes = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)
+         if (changes) return
+         later = ratio*later
+      end do
+   end function changes
 
    !> VEC Whether some number differs; a number that is NaN at one time only (sin(t)/t at 0) has not changed.
    pure logical function differ(n, a, b)

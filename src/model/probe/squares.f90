@@ -98,7 +98,7 @@ contains
          slope(:, side + 2) = (aside(:, 4) - s(:, 4))/(side*e)
          slope(:, side + 3) = (hq(:, 1) - found(:, 1))/(side*e)
       end do
-      ! Terms H_k,qq^2 + H_k,qqq H_k,q of g' may cancel where those of g vanish: sin(q) and cos(q) at 0 have g' = -1 + 1.
+      ! Terms H_k,qq^2 + H_k,qqq H_k,q of g' may cancel where those of g vanish: at 0 sin(q) and cos(q) have g' = 1 - 1.
       squared = most(:, 4)**2 + abs(s(:, 5))*most(:, 3)
       do i = 5, 6
          associate (before => slope(:, i - 4), behind => slope(:, i - 2))

@@ -16,6 +16,8 @@ module symsde_model_user_path_parameters
    private
    public :: path_parameters, lane_call
 
+   real(wp), parameter :: small = 1.0e-3_wp   !! in the place of zero, where a probe asks for it
+
    !> symsde_lanes
    type, bind(c) :: c_lanes
       type(c_ptr) :: parameters = c_null_ptr  !! [nparameter][nlane]
@@ -172,6 +174,9 @@ contains
                room%values((k - 1)*nlane + a:(k - 1)*nlane + b) = table%values(row(a), k)
             end do
          end do
+      end if
+      if (associated(paths)) then
+         if (paths%moves_zeros) where (abs(room%values(:n)) <= 0) room%values(:n) = small
       end if
       room%nlane = nlane
       room%given%parameters = c_loc(room%values)
