@@ -324,3 +324,16 @@ def test_noise_that_changes_in_time_on_some_paths(scheme, values):
             assert np.array_equal(whole.q[:, :, i], mine.q[:, :, 0]), (i, w)
             number = ss.simulate(model.with_parameters(w=w), **{**run, "first_path": i}, paths=1)
             np.testing.assert_allclose(mine.q, number.q, rtol=1e-12, atol=1e-14)
+
+
+def test_warnings_of_all_paths():
+    """The largest frequency and the strongest noise of all paths are warned of, and named."""
+    model = made("synchrotron")
+    omega, s1 = np.ones(5000), np.full(5000, 0.1)
+    omega[-1], s1[2730] = 30.0, 0.4  # 4096 of 5000 are looked at
+    found = ss.simulate(model.with_parameters(omega=omega), **{**RUN, "paths": 5000}).report.warnings
+    assert any("with the parameters of value 5000) exceeds 1" in x for x in found)
+    s1[2730] = 40.0
+    found = ss.simulate(model.with_parameters(s1=s1), **{**RUN, "steps": 8, "paths": 5000}).report.warnings
+    assert any("with the parameters of value 2731) is so strong" in x for x in found)
+    assert not ss.simulate(model.with_parameters(omega=omega[:-1]), **{**RUN, "paths": 4999}).report.warnings

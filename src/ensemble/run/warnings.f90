@@ -2,17 +2,19 @@
 !> Warnings before a run begins: sentences with numbers about steps and noises that are probably too large.
 !>
 !> Bounds that the model declares (max_frequency, noise_lipschitz) are used as declared; otherwise bounds are estimated
-!> from Hessians at the initial state of the first path, and the sentences call them estimates.
+!> from Hessians at the initial state of the first path, and the sentences call them estimates. Where parameters go by
+!> path, the path with the largest estimate counts.
 !>
 !> Private to its family.
 module symsde_ensemble_run_warnings
    use symsde_base_damping, only: damping_type
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_text, only: add => append_line, to_text
    use symsde_base_traits, only: model_traits, dense
    use symsde_ensemble_options, only: run_options, time_rounding, latest_time
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_offers, offers_of
+   use symsde_model_probe_one_path, only: one_path
    use symsde_scheme_damped, only: temperature_of_weights
    use symsde_scheme_scheme, only: scheme_type, frame_rotation, splitting_form
    use symsde_step_open_kick_law, only: has_law
@@ -24,11 +26,14 @@ module symsde_ensemble_run_warnings
    integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is read
    integer, parameter :: most_noises = 1024  !! noises up to which each Hessian is read, with weights for all noises
 
+   integer(i8), parameter :: most_looked_at = 4096  !! paths with parameters of their own that are looked at
+
    !> Bounds that the warnings use, and their origin.
    type :: bounds_type
       real(wp) :: frequency = 0   !! largest frequency of H [1/time]
       real(wp) :: lipschitz = 0   !! Lipschitz constant of the noise [1/sqrt(time)]
       integer :: nnoise = 0       !! number of noises whose Hessians do not vanish
+      logical :: on_some_paths = .false. !! whether this constant is that of some paths
       character(:), allocatable :: frequency_source, lipschitz_source
    end type bounds_type
 
@@ -36,7 +41,7 @@ contains
 
    !> Collect the warnings, one per line; the text is empty without warnings.
    subroutine set_up_warnings(model, nlane, scheme, options, explicit, q0, p0, lost_variance, text)
-      class(model_type), intent(in) :: model
+      class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane               !! lanes of a call of the model: 1 if the model takes any number
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -49,7 +54,7 @@ contains
 
       text = ''
       call spread_state(nlane, size(q0), q0, p0, q, p)
-      call find_bounds(model, scheme, nlane, options%t0, q, p, bounds)
+      call find_largest_bounds(model, scheme, nlane, options%t0, q, p, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
       call warn_of_damping(text, scheme, model%traits, model%damping, options)
@@ -107,7 +112,8 @@ contains
       if (expected > 1e-3_wp) call add(text, 'noise of Lipschitz constant '//to_text(bounds%lipschitz)//' ('// &
                                        bounds%lipschitz_source//') is so strong that some implicit steps '// &
                                        'may have no solution, or the wrong one: those with normals above '// &
-                                       to_text(cut)//', about '//to_text(expected)//' of them in this run; take a '// &
+                                       to_text(cut)//', '//merge('up to', 'about', bounds%on_some_paths)//' '// &
+                                       to_text(expected)//' of them in this run; take a '// &
                                        'smaller step or truncate')
    end subroutine warn_of_noise
 
@@ -183,6 +189,40 @@ contains
          call add(text, 'increments of the drift, '//to_text(largest)//', are below the rounding of the state, '// &
                   to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
    end subroutine warn_of_rounding
+
+   !> Find the largest bounds of all paths, or of as many as are looked at, at equal distances: those of the path with
+   !> the highest frequency, and of the one with the strongest noise.
+   subroutine find_largest_bounds(model, scheme, nlane, t, q, p, bounds)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
+      type(bounds_type), intent(out) :: bounds
+      type(one_path) :: path
+      type(bounds_type) :: here
+      integer(i8) :: i, n, place
+
+      call path%begin(model)
+      call find_bounds(path%model, scheme, nlane, t, q, p, bounds)
+      n = min(path%count, most_looked_at)
+      do i = 1, n - 1
+         place = i*(path%count - 1)/(n - 1)
+         call path%look_at(place, 1)
+         call find_bounds(path%model, scheme, nlane, t, q, p, here)
+         if (here%frequency > bounds%frequency) then
+            bounds%frequency = here%frequency
+            bounds%frequency_source = here%frequency_source//' with the parameters of value '//to_text(place + 1)
+         end if
+         if (here%lipschitz > bounds%lipschitz) then
+            bounds%lipschitz = here%lipschitz
+            bounds%nnoise = here%nnoise
+            bounds%on_some_paths = .true.
+            bounds%lipschitz_source = here%lipschitz_source//' with the parameters of value '//to_text(place + 1)
+         end if
+      end do
+      call path%finish()
+   end subroutine find_largest_bounds
 
    !> Find the bounds: declared bounds, else row sums of Hessians at the initial state. Row sums of all noises are added
    !> for each row, and the largest row counts: noises on different sites of a lattice do not add up. With more than
