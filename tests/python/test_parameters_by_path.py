@@ -337,3 +337,17 @@ def test_warnings_of_all_paths():
     found = ss.simulate(model.with_parameters(s1=s1), **{**RUN, "steps": 8, "paths": 5000}).report.warnings
     assert any("with the parameters of value 2731) is so strong" in x for x in found)
     assert not ss.simulate(model.with_parameters(omega=omega[:-1]), **{**RUN, "paths": 4999}).report.warnings
+
+
+def test_areas_of_all_paths():
+    """Areas by the path are refused where paths halve their steps differently often, and each path has its own bits
+    where they do not."""
+    model = ss.model_from_sympy("(p**2 + q**2)/2", ["a*p**2/2", "b*q**2/2"], params={"a": 0.5, "b": 0.5})
+    run = {**RUN, "scheme": "midpoint_areas", "first_path": 0}
+    with pytest.raises(IncompatibleError, match=r"6 for the first values and 2\.42102 for value 3: give"):
+        ss.simulate(model.with_parameters(b=[0.5, -0.5, 1.0]), **run, paths=3)
+    for b, options in (([0.5, -0.5, 0.51], {}), ([0.5, 3.0, 0.0], {"area_time": 6.0}), ([0.5, 3.0], {"areas": "law"})):
+        whole = ss.simulate(model.with_parameters(b=b), **run, **options, paths=len(b))
+        for i, x in enumerate(b):
+            mine = ss.simulate(model.with_parameters(b=[x]), **{**run, "first_path": i}, **options, paths=1)
+            assert np.array_equal(whole.q[:, :, i], mine.q[:, :, 0])

@@ -5,13 +5,14 @@
 module symsde_ensemble_run_areas
    use symsde_base_area_rule, only: area_rule, areas_in_law, most_paired
    use symsde_base_functionals, only: functional_set, path_areas
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_model_probe_area_time, only: derive_area_time
+   use symsde_model_probe_one_path, only: one_path
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -22,7 +23,7 @@ contains
    !> Choose how areas are drawn, and refuse (incompatible) a choice that the scheme cannot use. The time scale for
    !> halving steps is the user's; if none is given and the scheme needs areas, it is derived from the model.
    subroutine choose_areas(model, scheme, options, asked, areas, error)
-      class(model_type), intent(in) :: model
+      class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       type(functional_set), intent(in) :: asked
@@ -44,8 +45,39 @@ contains
          areas%time = 0  ! two-valued areas need no halving of steps
       else if (asked%has(path_areas) .and. .not. areas%time > 0) then
          call derive_area_time(model, options%t0, areas%time, error)
+         if (model%traits%npath > 1) call require_equal_areas(model, options, areas, error)
       end if
    end subroutine choose_areas
+
+   !> Refuse (incompatible) a model whose parameters go by path if its paths halve their steps differently often: none
+   !> would have the areas that it has alone.
+   subroutine require_equal_areas(model, options, areas, error)
+      class(model_type), intent(in), target :: model
+      type(run_options), intent(in) :: options
+      type(area_rule), intent(in) :: areas      !! of the first path
+      type(error_type), allocatable, intent(inout) :: error
+      type(one_path) :: path
+      type(area_rule) :: here
+      integer(i8) :: place
+      real(wp) :: h
+
+      if (allocated(error)) return
+      h = options%step/2.0_wp**max(0, options%refine)
+      here = areas
+      call path%begin(model)
+      do place = 1, path%count - 1
+         call path%look_at(place, 1)
+         call derive_area_time(path%model, options%t0, here%time, error)
+         if (allocated(error)) exit
+         if (here%levels(h) == areas%levels(h)) cycle
+         call raise(error, incompatible, 'run_ensemble', 'parameters of model '//model%name//' go by path, and '// &
+                    'with them the time scale of the areas, '//to_text(areas%time)//' for the first values and '// &
+                    to_text(here%time)//' for value '//to_text(place + 1)//': give one for all paths (area_time), '// &
+                    'where a larger one costs work alone, or areas in law, or a run for each value')
+         exit
+      end do
+      call path%finish()
+   end subroutine require_equal_areas
 
    !> Refuse (too_large) areas that need more numbers than the counters distinguish. A row is a sub-increment; the rows
    !> of the run, up to its last step, are numbered, and counters hold 2^47 numbers. Areas in law also count pairs of
