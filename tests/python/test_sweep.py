@@ -148,6 +148,28 @@ def test_failed_paths():
     assert np.isfinite(found.mean_q[:, :, 0]).all() and np.isnan(found.mean_q[-1, 0, 1])
 
 
+def test_growing_paths(monkeypatch):
+    """Paths that grow beyond all bounds are warned of and counted, in parts and where values run one by one."""
+    stiff = ss.model_from_sympy("p**2/2 + k*q**2/2", noise=["0.1*q"], params={"k": 1.0})
+    options = {**RUN, "steps": 100, "save_every": 100, "scheme": "stormer_verlet", "paths": 4}
+    for given, most in ((stiff, 2**20), (stiff, 4), (lambda k: stiff.with_parameters(k=k), 2**20)):
+        monkeypatch.setattr(module, "_PATHS", most)
+        with pytest.warns(ss.errors.DoubtfulRunWarning, match="8 paths grew 1e6-fold"):
+            found = ss.sweep(given, {"k": [1.0, 1e4, 1e5]}, **options)
+        assert found.report.grown == 8 and (found.n_ok == 4).all()
+
+
+def test_areas():
+    """Schemes that halve steps for areas take values one by one, each with its own time scale, unless one is given."""
+    model = ss.model_from_sympy("(p**2 + q**2)/2", noise=["a*p**2/2", "b*q**2/2"], params={"a": 0.5, "b": 0.5})
+    asked, values = {**RUN, "scheme": "midpoint_areas", "paths": 5}, [0.5, 1.0, 3.0]
+    for options in ({}, {"area_time": 6.0}, {"areas": "law"}):
+        found = ss.sweep(model, {"b": values}, **asked, **options, keep_paths=True, same_noise=True)
+        for i, b in enumerate(values):
+            mine = ss.simulate(model.with_parameters(b=[b] if options else b), **asked, **options)
+            assert np.array_equal(found.q[:, :, i], mine.q)
+
+
 def test_stop():
     """A progress function ends the sweep, between two values or within the paths of a value."""
     seen = []

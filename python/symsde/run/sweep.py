@@ -20,6 +20,7 @@ from ..errors import (
 from ..model.definition import Model, require_model
 from ..native import abi, checks, files
 from ..native.progress import Progress, told_by
+from ..schemes import as_scheme
 from ..show.values import Values
 from .groups import Grid, GroupedMoments, Groups, refuse_sites
 from .kept_paths import KeptPaths
@@ -31,7 +32,7 @@ from .observers.observables import (
     described,
     refuse_coordinates,
 )
-from .report import Report
+from .report import Report, warn_of_growth
 from .setup import RunOptions, Setup, make_setup
 
 _NUMBERS = 2**23  #: numbers of the saved paths of some values that are run at once
@@ -48,7 +49,7 @@ class Sweep(GroupedMoments):
     status: np.ndarray  #: (.., path), 0 = ok
     q: np.ndarray | None  #: (time, dof, .., path) if paths are kept
     p: np.ndarray | None
-    report: Report  #: report of the first run; failed and stopped count the paths of all runs
+    report: Report  #: report of the first run; failed, grown and stopped count the paths of all runs
 
     def __init__(self, setup: Setup, grid: Grid, paths: int, observables: Mapping[str, Observable], *, keep: bool):
         """Allocate the results."""
@@ -138,7 +139,8 @@ def sweep(
 
     - model: from formulas or built in, whose parameters go by path, so that all values are run side by side; or a
       function that returns the model of its arguments, as `ss.models.fpu_chain`: values are run one after the other, as
-      they are where parameters stand in formulas of forces or of damping, or are masses in a heat bath
+      they are where parameters stand in formulas of forces or of damping, or are masses in a heat bath, and by schemes
+      that halve steps for areas, if `area_time` is not given
     - values: name -> values of a parameter, (value,) each. All combinations are run; with zip=True the first values of
       all, then the second, ..
     - paths: of each value. Value k, counted with the last parameter fastest, has the paths first_path + k*paths .. ;
@@ -178,7 +180,7 @@ def sweep(
                 + ", ".join(f"{x}={x}" for x in chained)
                 + ")"
             )
-        if not _go_by_path(model, points):
+        if not _go_by_path(model, points) or _halves_steps(model, options):
             many, model = False, model.with_parameters
 
     def made(here: slice) -> Model:
@@ -193,7 +195,8 @@ def sweep(
     result = Sweep(begun, grid, paths, functions, keep=keep)
     most = _NUMBERS // (2 * begun.ntime * begun.model.ndof) if keep else _PATHS
     together = max(1, most // paths) if many else 1
-    done, total, doubts, report, failed, stopped = 0, count * paths * begun.options.steps, {}, None, 0, False
+    done, total, doubts, report, stopped = 0, count * paths * begun.options.steps, {}, None, False
+    counts = dict.fromkeys(("failed", "grown"), 0)
     try:
         for k in range(0, count, together):
             here = slice(k, min(k + together, count))
@@ -201,7 +204,7 @@ def sweep(
             shown = (lambda now, _, b=done: tell(b + now, total)) if tell else False
             with checks.unwarned():
                 told = result.run(setup, functions, here, shown)
-            report, failed = report or told, failed + told.failed
+            report, counts = report or told, {name: n + getattr(told, name) for name, n in counts.items()}
             if told.stopped:
                 stopped = True
                 break
@@ -210,13 +213,13 @@ def sweep(
     finally:
         if bar:
             bar.close()
-    return _told(result, report, doubts, failed, stopped=stopped)
+    return _told(result, dataclasses.replace(report, **counts), doubts, stopped=stopped)
 
 
 def _go_by_path(model: Model, points: Mapping[str, np.ndarray]) -> bool:
-    """Whether the model takes arrays of these parameters."""
+    """Whether the model takes arrays of these parameters, which are refused by some where values differ."""
     try:
-        model.with_parameters(**{name: x[:2] for name, x in points.items()})
+        model.with_parameters(**{name: np.sort(x)[[0, -1]] for name, x in points.items()})
     except IncompatibleError:
         return False
     except WrongShapeError:  # other parameters have arrays already
@@ -224,17 +227,25 @@ def _go_by_path(model: Model, points: Mapping[str, np.ndarray]) -> bool:
     return True
 
 
-def _told(result: Sweep, report: Report, doubts: dict[str, None], failed: int, *, stopped: bool) -> Sweep:
+def _halves_steps(model: Model, options: Mapping[str, Any]) -> bool:
+    """Whether steps are halved for areas, by a time scale that values change; arrays of other parameters stay."""
+    info, traits = as_scheme(options.get("scheme", "midpoint")).info, model.traits
+    crosses = model.nnoise > 1 and not (traits.additive or traits.position_noise)
+    given = options.get("area_time") or options.get("areas", "path") != "path"
+    return info.uses_areas and info.law == "Gaussian" and crosses and not given and not model.paths
+
+
+def _told(result: Sweep, report: Report, doubts: dict[str, None], *, stopped: bool) -> Sweep:
     """The result with its report, and warnings about it."""
     missing = int(np.count_nonzero(result._status < 0)) if stopped else 0
-    if stopped:
-        failed = int(np.count_nonzero(result._status > 0))
+    failed = int(np.count_nonzero(result._status > 0)) if stopped else report.failed
     result.report = dataclasses.replace(report, failed=failed, stopped=missing)
     if failed:
         checks.warn(
             f"{checks.counted(failed, 'path')} failed: they are left out of means; see status and n_ok",
             PathsFailedWarning,
         )
+    warn_of_growth(report.grown)
     for doubt in doubts:
         checks.warn(doubt, DoubtfulRunWarning)
     return result.finish()
