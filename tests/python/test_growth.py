@@ -11,6 +11,7 @@ import pytest
 import symsde as ss
 from symsde.batch import execute
 from symsde.batch.claims import Claims
+from symsde.batch.folder import RunFolder
 from symsde.cli import command_line
 
 SCENE = """
@@ -256,6 +257,50 @@ def test_killed_while_it_grew(folder, counted, monkeypatch):
         mine, theirs = ss.open_run("killed"), ss.open_run(folder)
         assert np.array_equal(mine.moments.mean_q, theirs.moments.mean_q) and np.array_equal(mine.run.q, theirs.run.q)
     require_whole(folder, steps=40, paths=1280)
+
+
+def test_killed_before_its_scene_was_in_its_place(folder, monkeypatch):
+    """A folder with the manifest of the run that grew is read with the scene of that run, and goes on."""
+    Path("own.py").write_text("def far(q, p):\n    return 1.0 * (q[0] > 0.4)\n", encoding="utf-8")
+    write(more='[observables]\nx = "q**2"\nfar = {python = "own:far"}\n')
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(RunFolder, "_begin", killed)
+        assert go("--grow", "--allow-python") == command_line.STOPPED
+    (waiting,) = folder.glob(".grown-*")
+    assert (waiting / "own.py").read_bytes() == Path("own.py").read_bytes()
+    found = ss.open_run(folder)
+    assert len(found.missing) == 4 and list(found.scene.observables) == ["x", "far"]
+    assert go("--grow", "--allow-python") == 0
+    assert not waiting.exists()
+    found = ss.open_run(folder)
+    assert not found.missing and (found.moments.mean["x"] > 0).all()
+
+
+def test_dry_run_of_what_is_left(folder, capfd):
+    """Counts the shards and the path-steps that a folder lacks."""
+
+    def told(*arguments):
+        assert command_line.main(["run", "scene.toml", "--out", "out", "--dry-run", *arguments]) == 0
+        return capfd.readouterr().out
+
+    before = sorted(x.name for x in folder.rglob("*"))
+    capfd.readouterr()
+    for arguments, steps, shards in (
+        ((), "0\n", "0, of 256 paths at most, beside 7 that the folder holds"),
+        (("--paths", "2000"), "1.952e+04\n", "4, of 256 paths at most, beside 7 that"),
+        (("--steps", "40"), f"{1024 * 40 + 3 * 20:.4g}\n", "7, of 256 paths at most\n"),
+        (("--steps", "40", "--shard", "1/7"), f"{256 * 40:.4g}\n", "1, of 256 paths at most\n"),
+    ):
+        found = told(*arguments)
+        assert f"path-steps {steps}" in found and shards in found, arguments
+    (folder / "shards" / "moments-000002.npz").unlink()
+    assert "1, of 256 paths at most, beside 6 that" in told()
+    assert sorted({*before} - {"moments-000002.npz"}) == sorted(x.name for x in folder.rglob("*"))
+    assert go() == go("--keep-last") == 0
 
 
 #: opens the folder `out` for the scene as it stands, grown or not, says so, and waits for a line

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,13 +34,15 @@ class Need:
     memory: float  #: rough number of bytes of memory of this process
     disk: float  #: number of bytes on disk
     seconds: float  #: seconds on the threads of this process
+    there: int = 0  #: number of shards that the folder holds already
     free: float = math.inf  #: number of free bytes in the folder of the results; infinite if it is not known
 
     def __str__(self) -> str:
         """The estimate, with a line for each item."""
         lines = {
             "path-steps": f"{self.path_steps:.4g}",
-            "shards": f"{self.shards}, of {counted(self.shard_paths, 'path')} at most",
+            "shards": f"{self.shards}, of {counted(self.shard_paths, 'path')} at most"
+            + (f", beside {self.there} that the folder holds" if self.there else ""),
             "memory": f"about {_bytes(self.memory)}",
             "disk": f"about {_bytes(self.disk)}{self._of_what_is_free()}",
             "time": f"about {_time(self.seconds)} here, {counted(self.workers, 'shard')} at a time",
@@ -63,8 +66,20 @@ def _free(folder: Path) -> float:
         return math.inf
 
 
-def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Path | None = None) -> Need:
-    """Memory and disk of the pieces. saved: number of saved times; out: folder of the results."""
+def need(
+    task: Task,
+    pieces: list[Piece],
+    shard_paths: int,
+    saved: int,
+    out: Path | None = None,
+    *,
+    left: Mapping[str, int] | None = None,
+) -> Need:
+    """Memory and disk of the pieces that are to be computed. saved: number of saved times; out: folder of the results;
+    left: path-steps to take of each piece that it lacks, by default of all."""
+    whole = len(pieces)
+    if left is not None:
+        pieces = [piece for piece in pieces if piece.name in left]
     ndof = task.model.ndof
     each = 2 * (2 * ndof + task.model.traits.has_value) + 2
     numbers = saved * each + _observed(task)
@@ -73,12 +88,13 @@ def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Pat
     largest = max((piece.paths for piece in pieces if piece.kind == "paths"), default=0)
     workers, threads = division(task, max(1, len(pieces)))
     levels = len(of_moments).bit_length() + 3 * workers + 4 if of_moments else 0
-    steps = sum(piece.work for piece in pieces)
+    steps = sum(piece.work if left is None else left[piece.name] for piece in pieces)
     setup = make_setup(task.model, **task.options)
     between = setup.whole().ntime if setup.saved is not None and of_moments else 0
     return Need(
         path_steps=steps,
         shards=len(pieces),
+        there=whole - len(pieces),
         shard_paths=shard_paths,
         workers=workers,
         memory=_BASE

@@ -5,6 +5,7 @@ DIR/manifest.json           identifies the run
 DIR/scene.toml              copy of the scene; Python files with its functions are copied too
 DIR/shards/NAME.npz         one finished shard for each piece
 DIR/shards/NAME.checkpoint  state of a long unfinished piece; deleted once there is a shard
+DIR/.grown-*/               the scene of a run that grows, from before its manifest is written until it is copied
 DIR/.claims                 locks of the working processes
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import shutil
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -67,7 +69,7 @@ class RunFolder:
             self._claims = Claims(target / ".claims")
             try:
                 if grows:
-                    self._grow()
+                    self._grow(scene)
                 else:
                     self._claims.share()
                 self._begin(scene)
@@ -75,9 +77,11 @@ class RunFolder:
             finally:
                 self._claims.close()
 
-    def _grow(self) -> None:
-        """Write the manifest of the run that has grown, unless another process works in the folder or was first."""
+    def _grow(self, scene: Scene) -> None:
+        """Write the manifest of the run that has grown, unless another process works in the folder or was first. Its
+        scene is there before, in a place of its own, so that a kill leaves a manifest with its scene."""
         if self._claims.take_all() and growth.came_from(self.record, manifest.read(self.path)):
+            _copy(scene, growth.staged(self.path, self.record), keep=False)
             files.write_durably(self.path / manifest.NAME, manifest.to_bytes(self.record), keep=False)
         self._claims.share()
         if manifest.differences(manifest.read(self.path), self.record):
@@ -92,12 +96,9 @@ class RunFolder:
             parts.sweep(place)
         if scene is not None:
             # A run that grew may have a new scene, and may have been killed before that was written.
-            here = growth.KEY not in record
-            files.write_durably(target / "scene.toml", Path(scene.file).read_bytes(), keep=here)
-            for name, source in manifest.files_beside(scene):
-                (target / name).parent.mkdir(parents=True, exist_ok=True)
-                parts.sweep((target / name).parent)
-                files.write_durably(target / name, source.read_bytes(), keep=here)
+            _copy(scene, target, keep=growth.KEY not in record)
+            for waiting in target.glob(f"{growth.STAGED}*"):
+                shutil.rmtree(waiting, ignore_errors=True)
         if not files.write_durably(target / manifest.NAME, manifest.to_bytes(record)):
             manifest.require_same(manifest.read(target), record, target)
         (target / "shards").mkdir(exist_ok=True)
@@ -241,6 +242,15 @@ class RunFolder:
         return (1 << 32) + zlib.crc32(piece.name.encode()) if found is None else found
 
 
+def _copy(scene: Scene, target: Path, *, keep: bool) -> None:
+    """Copy a scene and the files beside it into a folder."""
+    wanted = [("scene.toml", Path(scene.file)), *manifest.files_beside(scene)]
+    for name, source in wanted:
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        parts.sweep((target / name).parent)
+        files.write_durably(target / name, source.read_bytes(), keep=keep)
+
+
 def _require_no_results(target: Path) -> None:
     """Refuse to overwrite results without a manifest."""
     for name in ("moments.csv", "run.nc", "run.npz", "shards"):
@@ -262,7 +272,10 @@ class _Checkpoint:
     def read(self) -> Shard | None:
         """The last checkpoint, or the end of these paths in the run that this one grew from; None if there is neither,
         or if it is damaged or of another piece."""
-        for path in (self._path, self._folder._outgrown_path(self._piece)):
+        places = [self._path, self._folder._outgrown_path(self._piece)]
+        if self._folder._claims is None:  # open for reading only: an outgrown shard is still in its place
+            places.append(self._folder.shard_path(self._piece))
+        for path in places:
             try:
                 state = shard_file.read(path)
             except FileNotFoundError:

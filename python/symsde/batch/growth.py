@@ -22,6 +22,7 @@ from .pieces import Piece
 from .scene import Scene
 
 KEY = "grown_from"  #: entry of manifests
+STAGED = ".grown-"  #: how the names of folders begin that hold scenes for a moment
 _PYTHON = "inputs.python_sha256"
 _OBSERVING = ("inputs.observables", "inputs.observe", "inputs.computed.functions", _PYTHON)
 _KEEPS = "inputs.output.keep_last"
@@ -37,6 +38,17 @@ def stamp_of(record: Mapping[str, Any]) -> str:
 def came_from(record: Mapping[str, Any], there: Mapping[str, Any]) -> bool:
     """Whether a run grew from the run of a folder."""
     return any(x["run"] == stamp_of(there) for x in record.get(KEY, ()))
+
+
+def staged(folder: Path, record: Mapping[str, Any]) -> Path:
+    """Where the scene of a run that grows waits, with the files beside it, until the manifest is written."""
+    return folder / f"{STAGED}{stamp_of(record)[:16]}"
+
+
+def scene_in(folder: Path, record: Mapping[str, Any]) -> Path:
+    """The scene of the run in a folder, also after a kill that came before it was in its place."""
+    waiting = staged(folder, record) / "scene.toml"
+    return waiting if waiting.exists() else folder / "scene.toml"
 
 
 def record_of(

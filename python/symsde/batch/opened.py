@@ -14,7 +14,7 @@ from ..native.checks import counted
 from ..run.loaded import LoadedMoments, LoadedRun, load_file
 from ..run.moments import Moments
 from ..run.simulate import Run
-from . import manifest, merged_results
+from . import growth, manifest, merged_results
 from .folder import RunFolder
 from .pieces import Piece
 from .scene import Scene
@@ -34,7 +34,7 @@ class OpenRun:
         #: inputs with their hash, seed, counter map, version, compiler, build
         self.manifest: dict[str, Any] = found
         sizes = manifest.sizes(found)
-        self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]), sizes)
+        self._batch = Batch.of(str(growth.scene_in(self.path, found)), str(self.path), str(found["shard_paths"]), sizes)
         manifest.require_scene(found, self._batch.scene, self.path)
         self._folder = RunFolder(Path(self.path), found, self._batch.pieces)
 

@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
         record = _common(folders)
         sizes = manifest.sizes(record)
         keeps = manifest.keeps_last(record)
-        scene = str(folders[0] / "scene.toml")
+        scene = str(growth.scene_in(folders[0], manifest.read(folders[0])))
         batch = Batch.of(scene, options.out, str(record["shard_paths"]), sizes, keep_last=keeps)
         manifest.require_same(record, manifest.of_scene(batch.scene, batch.size), folders[0])
         sources = [RunFolder(folder, record, batch.pieces) for folder in folders]

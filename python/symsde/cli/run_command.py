@@ -78,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     there = manifest.read(folder)
     record = growth.record_of(there, batch.scene, batch.size, folder, asked=options.grow, more=more)
     if options.dry_run:
-        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, folder))
+        left = _left(batch.task, RunFolder(folder, record, batch.pieces)) if there else None
+        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, folder, left=left))
         if options.error_check:
             print("not counted: --error-check, some of the paths again, at the step and at half of it")
         return OK
@@ -92,9 +93,7 @@ def run(options: argparse.Namespace) -> int:
         RunFolder.open_to_write(batch.out, record, batch.pieces, batch.scene) as folder,
     ):
         if there and growth.came_from(record, there) and not options.quiet:
-            missing = folder.missing()
-            left = {x.name: x.work - taken(batch.task, x, folder.checkpoint(x)) for x in missing}
-            log.info("%s", growth.sentence(there, record, batch.pieces, left))
+            log.info("%s", growth.sentence(there, record, batch.pieces, _left(batch.task, folder)))
         begin = time.monotonic()
         folder.checkpoint_seconds = between
         fine = compute(batch.task, ranks.of(part.of(batch.pieces)), folder, Conditions(stop, ranks, options.quiet))
@@ -110,6 +109,11 @@ def run(options: argparse.Namespace) -> int:
         if options.error_check and not _checked(batch, folder, stop, options.quiet):
             code = _stopped(stop, options, folder, [], None)
         return code
+
+
+def _left(task: Task, folder: RunFolder) -> dict[str, int]:
+    """Path-steps to take of each missing piece."""
+    return {x.name: x.work - taken(task, x, folder.checkpoint(x)) for x in folder.missing()}
 
 
 def _count(name: str, text: str) -> int:
