@@ -18,6 +18,8 @@
 !> no analytic Hessian. Noise that changes in time, H_k = sigma(t) I, does not commute with the drift: in the phase
 !> space with time the bracket is {H,H_k} - H_{k,t}. Points can refute commutation, not prove it.
 !>
+!> Pairs of noises in position, and of noises that touch no common degree of freedom, commute as they stand.
+!>
 !> Forces (model/forces) are added to the fields, and their derivatives to the products: the test then asks whether the
 !> Lie brackets of the fields vanish.
 module symsde_diagnose_commutator
@@ -27,7 +29,11 @@ module symsde_diagnose_commutator
    use symsde_base_status, only: error_type, raise, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
+   use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type, default_step
+   use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_needs, only: find_missing
+   use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
    public :: commutator_type, commutator
@@ -94,6 +100,9 @@ contains
             call stop_if_wanted(monitor, done, nbracket, 'commutator', error)
             if (allocated(error)) return
             done = done + 1
+            if (j > 0) then
+               if (are_apart(model%traits, j, k)) cycle
+            end if
             size_kl = relative_gradient(model, points, j, k)
             if (j == 0) then
                result%drift = max(result%drift, size_kl)
@@ -112,8 +121,22 @@ contains
       ! Damping does not commute with any noise but those that move nothing.
       result%flows_commute = result%commutative .and. result%drift <= vanishing .and. .not. model%damping%acts()
       call expect_orders(model%traits%nnoise, model%damping%acts(), associated(model%forces), &
-                         model%traits%forces%in_position(), result)
+                         model%traits%forces%in_position(), model%traits, result)
    end subroutine commutator
+
+   !> Whether the traits say that the bracket of two noises vanishes: both are functions of q, or they touch no common
+   !> degree of freedom.
+   pure logical function are_apart(traits, k, l)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: k, l
+      integer :: i
+
+      are_apart = traits%position_noise .and. traits%forces%noise_in_position
+      if (are_apart .or. traits%forces%noise .or. .not. traits%touches%are_given()) return
+      associate (from => traits%touches%from, dof => traits%touches%dof)
+         are_apart = .not. any([(any(dof(from(k) + 1:from(k + 1)) == dof(i)), i=from(l) + 1, from(l + 1))])
+      end associate
+   end function are_apart
 
    !> Largest |Hess F V_G - Hess G V_F| over the points for F = H_j, G = H_k, relative to the largest
    !> |Hess F| |V_G| + |Hess G| |V_F|.
@@ -243,12 +266,14 @@ contains
    end function largest
 
    !> Write which orders to expect.
-   pure subroutine expect_orders(nnoise, damped, forced, of_positions, c)
+   subroutine expect_orders(nnoise, damped, forced, of_positions, traits, c)
       integer, intent(in) :: nnoise
       logical, intent(in) :: damped   !! damped: schemes with brackets of H, or for means alone, do not run
       logical, intent(in) :: forced   !! forced: schemes with brackets of Hamiltonians do not run
       logical, intent(in) :: of_positions  !! forces depend on (q, t) alone, and kicks take them
+      type(model_traits), intent(in) :: traits
       type(commutator_type), intent(inout) :: c
+      character(:), allocatable :: orders
 
       ! Report the strongest result that holds; each case implies the cases before it.
       if (nnoise == 0) then
@@ -270,12 +295,41 @@ contains
          c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute: strong order 1/2 with '// &
                   'increments alone, 1 from midpoint_areas with areas where all rates of damping are equal'
       else if (c%commutative) then
-         c%text = 'the noises commute: strong order 1 from every consistent scheme with increments alone, 3/2 from '// &
-                  'gauss2_strong32 with dZ; weak order 2 from gauss2_weak2'
+         call find_orders(traits, orders)
+         c%text = 'the noises commute: strong order 1 from every consistent scheme with increments alone, '// &
+                  orders//' with dZ; weak order 2 from gauss2_weak2'
       else
          c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute: strong order 1/2 with '// &
                   'increments alone, 1 from midpoint_areas with areas; weak order 1, 2 from gauss2_weak2_areas'
       end if
    end subroutine expect_orders
+
+   !> The higher strong orders, by kicks where the traits allow these.
+   subroutine find_orders(traits, orders)
+      type(model_traits), intent(in) :: traits
+      character(:), allocatable, intent(out) :: orders
+
+      orders = '3/2 from gauss2_strong32'
+      if (.not. suits('gauss_dkdkd', traits)) return
+      orders = '3/2 from gauss_dkdkd'
+      if (traits%additive) then
+         orders = '2 from gauss_dkdkd'
+      else if (suits('gauss_dkdkd_strong2', traits)) then
+         orders = orders//', 2 from gauss_dkdkd_strong2'
+      end if
+   end subroutine find_orders
+
+   !> Whether a scheme finds all that it needs.
+   logical function suits(name, traits)
+      character(*), intent(in) :: name
+      type(model_traits), intent(in) :: traits
+      type(scheme_type) :: scheme
+      type(error_type), allocatable :: error
+      character(:), allocatable :: missing
+
+      call get_scheme(scheme, name, error)
+      call find_missing(scheme, traits, missing)
+      suits = .not. (allocated(error) .or. allocated(missing))
+   end function suits
 
 end module symsde_diagnose_commutator

@@ -196,15 +196,46 @@ def test_the_orders_that_are_told():
         ss.models.kubo(): "all flows commute: strong order 1 from midpoint, 2 from gauss2, 3 from gauss3, with "
         "increments alone",
         ss.models.synchrotron(): "the noises commute: strong order 1 from every consistent scheme with increments "
-        "alone, 3/2 from gauss2_strong32 with dZ; weak order 2 from gauss2_weak2",
+        "alone, 3/2 from gauss_dkdkd, 2 from gauss_dkdkd_strong2 with dZ; weak order 2 from gauss2_weak2",
         ss.models.noncommutative_oscillator(): "the noises 1 and 2 do not commute: strong order 1/2 with increments "
         "alone, 1 from midpoint_areas with areas; weak order 1, 2 from gauss2_weak2_areas",
     }
     for model, text in told.items():
         assert str(ss.commutator(model)) == text
-    orders = {name: ss.schemes.get(name).info.orders for name in ("gauss2_strong32", "midpoint_areas", "gauss2_weak2")}
+    names = ("gauss2_strong32", "midpoint_areas", "gauss2_weak2", "gauss_dkdkd", "gauss_dkdkd_strong2")
+    orders = {name: ss.schemes.get(name).info.orders for name in names}
+    assert [orders[name]["commutative"].value for name in names[3:]] == [1.5, 2]
     assert orders["gauss2_strong32"]["commutative"].value == 1.5 and orders["midpoint_areas"]["general"].value == 1
     assert orders["gauss2_weak2"]["weak"].value == ss.schemes.get("gauss2_weak2_areas").info.orders["weak"].value == 2
+
+
+def test_the_orders_of_kicks_are_told_where_these_fit():
+    """Of a charge in a magnetic field, phases of two sites, and a pendulum whose noise holds momenta."""
+    field = "(p1 + q2)**2/2 + (p2 - q1)**2/2 + q1**4/4"
+    phases = "p1*p2 + q1*q2 + (p1**2 + q1**2)**2"
+    told = {
+        (field, "q1"): ", 2 from gauss_dkdkd with dZ; ",
+        (field, "q1**2"): ", 3/2 from gauss_dkdkd, 2 from gauss_dkdkd_strong2 with dZ; ",
+        (phases, "p2**2 + q2**2"): ", 3/2 from gauss_dkdkd, 2 from gauss_dkdkd_strong2 with dZ; ",
+        (phases, "(p2**2 + q2**2)**2"): ", 3/2 from gauss_dkdkd with dZ; ",
+        ("p1**2/2 - cos(q1) + p2**2/2", "p1**2 + q1**2"): ", 3/2 from gauss2_strong32 with dZ; ",
+    }
+    for (h, noise), text in told.items():
+        assert text in str(ss.commutator(ss.model_from_sympy(h, [noise], q="q1 q2", p="p1 p2")))
+
+
+@pytest.mark.parametrize("second", [2, 1])
+def test_noises_that_touch_no_common_degree_of_freedom_commute(second):
+    """H_1 = q_1^2/2 and H_2 = p_k^2/2, by their traits for k = 2; for k = 1 they meet, and do not."""
+
+    def gradient(t, w, q, p):
+        hq, hp = w[0] * q, w[0] * p
+        hq[0] += w[1] * q[0]
+        hp[second - 1] += w[2] * p[second - 1]
+        return hq, hp
+
+    found = ss.commutator(ss.Model(ndof=2, nnoise=2, gradient=gradient, touches=[[1], [second]]))
+    assert found.commutative == (second == 2) and (found.noise == 0) == (second == 2)
 
 
 def test_brackets_that_overflow_are_no_evidence_of_commuting():
