@@ -370,6 +370,35 @@ def test_whole_steps_serve_the_scheme_they_are_meant_for(of):
             assert (f"whole steps of {of} " in run.report.stepper) == whole
 
 
+@pytest.mark.parametrize("fault", [1.0, 1.01])
+def test_whole_steps_of_many_degrees_of_freedom_are_compared(fault):
+    """Forty oscillators by symplectic_euler: an oracle without dense equations refuses steps that are 1 % too long."""
+    numba = pytest.importorskip("numba")
+
+    @numba.cfunc(ss.numba_signature("flow"))
+    def flow(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, user):
+        w = numba.carray(w, (nstep, nham, nlane))
+        for k in range(ndof * nlane):
+            x, y = q[k], p[k]
+            for step in range(nstep):
+                y += w[step, 1, k % nlane] - fault * h * x
+                x += h * y
+                if (step + 1) % every == 0:
+                    qn[step // every * ndof * nlane + k] = x
+                    pn[step // every * ndof * nlane + k] = y
+        return 0
+
+    traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
+    traits["gradient"] = lambda _t, w, q, p: (w[0] * q - w[1], w[0] * p)
+    forty = ss.Model(ndof=40, nnoise=1, flows={"symplectic_euler": flow}, **traits)
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 12, "scheme": "symplectic_euler"}
+    if fault == 1.0:
+        assert "whole steps" in ss.simulate(forty, **how).report.stepper
+    else:
+        with pytest.raises(errors.FalseTraitError, match="not those of the library"):
+            ss.simulate(forty, **how)
+
+
 def test_whole_steps_are_compared_with_the_scheme():
     numba = pytest.importorskip("numba")
     how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 12}

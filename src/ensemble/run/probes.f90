@@ -21,6 +21,8 @@ module symsde_ensemble_run_probes
    private
    public :: probe_declared, probe_whole_steps
 
+   integer, parameter :: most_dense = 32  !! degrees of freedom up to which whole steps are compared with the oracle's
+
 contains
 
    !> Probe the traits and derivatives of a model around the state of one path.
@@ -49,7 +51,7 @@ contains
       type(error_type), allocatable :: refusal
       integer(i8) :: number
       integer :: correction
-      logical :: decided
+      logical :: decided, large
 
       if (allocated(error) .or. is_built_in(model)) return
       select type (stepper)
@@ -63,8 +65,10 @@ contains
       ! Make steppers for the lanes of the probe. If the comparison stepper is refused, nothing is compared.
       call new_stepper(whole, model, scheme, stepper_options(correction=correction), probe_lanes, refusal)
       if (allocated(refusal)) return
-      call new_stepper(oracle, model, scheme, stepper_options(correction=correction, general=.true.), probe_lanes, &
-                       refusal)
+      ! The general one solves dense equations, whose cost grows as the cube of their size.
+      large = model%traits%ndof > most_dense
+      call new_stepper(oracle, model, scheme, stepper_options(correction=correction, general=.not. large, &
+                                                              as_increments=large), probe_lanes, refusal)
       decided = .false.
       select type (whole)
       type is (model_flow_stepper)
