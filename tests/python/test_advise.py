@@ -238,6 +238,17 @@ def test_frequencies_of_separable_and_of_coupled_hamiltonians():
         assert frequency(problem) == pytest.approx(np.abs(np.linalg.eigvals(flow)).max(), rel=1e-12)
 
 
+def test_frequency_of_many_degrees_of_freedom_is_at_the_steepest_point(monkeypatch):
+    """The frequency of a lattice from the one point that products with a vector find, as from all."""
+    energy = "Sum((q[i]**2 + p[i]**2)**2/4, i) - Sum(q[i]*q[i+1] + p[i]*p[i+1], i)"
+    ring = ss.model_from_sympy(energy, noise="s*(q[k]**2 + p[k]**2)/2", params={"s": 0.2}, n=12, ends="periodic")
+    start = {"q0": np.sin(np.arange(12.0)), "p0": 0.3, "horizon": 2.0}
+    near = frequency(make_problem(ring, "q1", **start), 64)
+    monkeypatch.setattr("symsde.answers.expectation.candidates._FEW", 12)
+    every = frequency(make_problem(ring, "q1", **start), 64)
+    assert near == pytest.approx(every, rel=1e-12)
+
+
 @pytest.fixture
 def hardening():
     """H = p^2/2 + q^4/4, H_1 = -q: from rest no path without noise moves, and with noise the frequency grows."""

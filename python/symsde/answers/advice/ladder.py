@@ -2,7 +2,8 @@
 """One scheme on steps that are halved: its error by the step, and the longest step that keeps a tolerance.
 
 A rung is a measurement with n, 2 n and 4 n steps, which costs about 7 runs with n steps. The next rung takes twice the
-processor time of the last one; the first rung is foretold from four steps of 64 paths.
+processor time of the last one; the first rung is foretold from four steps of 64 paths, of fewer where there are many
+degrees of freedom.
 
 With x_h, x_{h/2}, x_{h/4} on one path the order is a = log2(|x_h - x_{h/2}|/|x_{h/2} - x_{h/4}|). Between the last rung
 that misses the tolerance and the next, with n and 2 n steps, the error is taken as a power of the step; beyond the last
@@ -33,6 +34,7 @@ _TIMINGS = 3.5  #: cost of the timed runs of `seconds` in runs with all paths: t
 _DEARER = 8.0  #: a scheme is given up if a rung, with its set-up, costs this many times the best cost known
 _FIRST = 4  #: number of steps from which the cost of the first rung is foretold
 _FULL = 64  #: number of paths from which on a path-step costs the same
+_STATES = 2**12  #: paths times degrees of freedom from which on it does, too
 
 
 class Ladder:
@@ -65,16 +67,16 @@ class Ladder:
         """Measure one step of one path, from runs of no step and of a few; a scheme whose steps are refused is left
         out.
         """
-        times = [time.process_time()]
+        times, paths = [time.process_time()], max(8, min(_FULL, _STATES // self.problem.model.ndof))
         try:
             for taken in (0, _FIRST):
-                self.problem.start(self.scheme, self._next, taken, paths=_FULL)
+                self.problem.start(self.scheme, self._next, taken, paths=paths)
                 times.append(time.process_time())
         except SymsdeError:
             self.climbing = False
             return
         without, together = (b - a for a, b in pairwise(times))
-        self._of_step = max(together - without, together / 10) / (_FIRST * _FULL)
+        self._of_step = max(together - without, together / 10) / (_FIRST * paths)
 
     def climb(self, best: float) -> None:
         """Measure one rung. best: seconds of a path of the best scheme so far; a scheme that costs much more is given

@@ -27,6 +27,9 @@ from .problem import Problem
 SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes are unstable from 2 on
 #: number of points of a path at which frequencies are computed: eight equal parts follow all but very rapid changes
 _POINTS = 9
+_FEW = 8  #: up to as many degrees of freedom eigenvalues of all Hessians are computed, beyond it those of one
+_PRODUCTS = 32  #: products with a vector that turn it into the fastest motion, and as many that find how it grows
+_STATES = 2**12  #: paths with noise times degrees of freedom
 #: options of probing runs by midpoint, on which these have no effect
 _PLAIN = {"areas": "path", "area_time": None, "damping_noise": "law"}
 
@@ -103,7 +106,7 @@ def _fits(problem: Problem, scheme: Scheme) -> bool:
 def frequency(problem: Problem, paths: int = 0) -> float:
     """The largest frequency omega of the header, at a few times along the way; at least 1/horizon.
 
-    paths: number of paths with noise that are examined too.
+    paths: number of paths with noise that are examined too; fewer, 8 at least, of more than 64 degrees of freedom.
     """
     declared = problem.model.traits.max_frequency
     if not problem.model.traits.has_gradient:
@@ -114,6 +117,7 @@ def frequency(problem: Problem, paths: int = 0) -> float:
                 "yourself, in symsde.convergence, symsde.moments or, as steps, in symsde.mlmc"
             )
         return max(declared, 1 / problem.horizon)
+    paths = min(paths, max(8, _STATES // problem.model.ndof))
     ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
     return max(_fastest(problem, ways), declared, 1 / problem.horizon)
 
@@ -134,10 +138,8 @@ def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> f
 
     w (noise + 1,) are the weights; None means H alone.
     """
-    blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
-    qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
-    finite = np.logical_and.reduce([np.isfinite(x).all(axis=(1, 2)) for x in (qq, qp, pp)])
-    qq, qp, pp = qq[finite], qp[finite], pp[finite]
+    found = [_steepest(*(np.moveaxis(x, 2, 0) for x in problem.model.hessian(q, p, w, t))) for t, q, p in ways]
+    qq, qp, pp = _steepest(*(np.concatenate(blocks) for blocks in zip(*found, strict=True)))
     if not qp.any():
         try:
             root = np.linalg.cholesky(pp)
@@ -148,6 +150,24 @@ def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> f
             return float(np.sqrt(np.abs(squares).max(initial=0.0)))
     flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
     return float(np.abs(np.linalg.eigvals(flow)).max(initial=0.0))
+
+
+def _steepest(qq: np.ndarray, qp: np.ndarray, pp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The finite Hessians (point, dof, dof); of many degrees of freedom only the one whose J H'' makes a vector grow most,
+    since products with a vector cost far less than eigenvalues.
+    """
+    finite = np.logical_and.reduce([np.isfinite(x).all(axis=(1, 2)) for x in (qq, qp, pp)])
+    qq, qp, pp = qq[finite], qp[finite], pp[finite]
+    if qq.shape[1] <= _FEW or len(qq) < 2:
+        return qq, qp, pp
+    q, p = np.random.default_rng(1).normal(size=(2, len(qq), qq.shape[1], 1))
+    grown = np.zeros(len(qq))
+    for i in range(2 * _PRODUCTS):
+        q, p = qp @ q + pp @ p, -(qq @ q) - qp.transpose(0, 2, 1) @ p
+        size = np.sqrt((q**2 + p**2).sum(axis=(1, 2), keepdims=True)) + np.finfo(float).tiny
+        q, p, grown = q / size, p / size, grown + (np.log(size[:, 0, 0]) if i >= _PRODUCTS else 0)
+    most = grown.argmax()
+    return qq[[most]], qp[[most]], pp[[most]]
 
 
 def fewest_steps(problem: Problem) -> int:
