@@ -41,8 +41,8 @@ assert runs > 700, runs
 print(symsde.__version__, library.found(), digest.hexdigest(), ",".join(cpu.levels()), sep="\\n")
 print(symsde.build_info()["arithmetic"])
 """
-#: Bytes of a repaired wheel, 4 % above 7.0 MB: three libraries are 1.4, 1.7 and 1.8 MB of it, gfortran's 1.4 MB.
-MOST = 7_300_000
+#: Bytes of a repaired wheel, 4 % above 7.4 MB: three libraries are 1.5, 1.8 and 2.0 MB of it, gfortran's 1.4 MB.
+MOST = 7_700_000
 #: Libraries that a repaired wheel may bundle, and the texts of their licences.
 LICENCES = {
     "libgfortran": {"GPL-3.0.txt", "GCC-exception-3.1.txt"},
