@@ -153,7 +153,7 @@ def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> f
 
 
 def _steepest(qq: np.ndarray, qp: np.ndarray, pp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The finite Hessians (point, dof, dof); of many degrees of freedom only the one whose J H'' makes a vector grow most,
+    """The finite Hessians (point, dof, dof); of many degrees of freedom the one whose J H'' makes a vector grow most,
     since products with a vector cost far less than eigenvalues.
     """
     finite = np.logical_and.reduce([np.isfinite(x).all(axis=(1, 2)) for x in (qq, qp, pp)])
