@@ -527,6 +527,16 @@ def test_kicks_of_a_heavy_mass():
         )
 
 
+def test_growing_paths(monkeypatch):
+    """Paths that grow beyond all bounds are warned of and counted, in groups of any size."""
+    model = ss.model_from_sympy("p**2/2 + k*q**2/2", noise=["0.1*q"], params={"k": 1e4})
+    options = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 50, "scheme": "stormer_verlet", "paths": 600}
+    for numbers in (2**23, 1):
+        monkeypatch.setattr(module, "_NUMBERS", numbers)
+        with pytest.warns(ss.errors.DoubtfulRunWarning, match="600 paths grew 1e6-fold"):
+            assert ss.gradient(model, "q", ["k"], **options).report.grown == 600
+
+
 def test_failed_paths():
     """Failed paths are refused, or left out on request, with their share."""
     start = np.where(np.arange(20) % 4 == 0, 60.0, 0.5)[np.newaxis]

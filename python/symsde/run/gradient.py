@@ -18,7 +18,7 @@ from ..model.formulas.wide import Positions, parameter_names, wide_model
 from ..native import abi, callbacks, checks, handles
 from ..native.checks import address
 from ..native.progress import Monitor, Progress
-from .report import Report, make_report
+from .report import Report, make_report, warn_of_growth
 from .setup import RunOptions, Setup, make_setup
 
 _NUMBERS = 2**23  #: most numbers of states that a long run holds at once
@@ -160,7 +160,8 @@ class _Found:
         out[1] = np.concatenate((out[1][:ndof], positions.gathered(out[1][ndof:])))
         for mine, theirs in zip(self._arrays(), out, strict=True):
             mine[..., part] = theirs
-        report.failed += self.report.failed if self.report else 0
+        for name in ("failed", "grown"):
+            setattr(report, name, getattr(report, name) + (getattr(self.report, name) if self.report else 0))
         self.report = report
 
     def _arrays(self) -> tuple[np.ndarray, ...]:
@@ -174,13 +175,16 @@ class _Found:
         share = 1 - np.count_nonzero(ok) / ok.size
         if share and (not allow_failed or not ok.any()):
             raise IncompatibleError(
-                f"{share:.3g} of the paths failed ({checks.counted(int((~ok).sum()), 'path')}), and the gradient of "
-                "the mean over others is none of E f: take a smaller step, or allow_failed=True for that of the others"
+                f"a share of {share:.3g} of the paths failed ({checks.counted(int((~ok).sum()), 'path')}), and the "
+                "gradient of the mean over others is none of E f: take a smaller step, or allow_failed=True for that of "
+                "the others"
             )
         if share:
             checks.warn(
-                f"{share:.3g} of the paths failed and are left out of the mean and its gradient", PathsFailedWarning
+                f"a share of {share:.3g} of the paths failed and are left out of the mean and its gradient",
+                PathsFailedWarning,
             )
+        warn_of_growth(self.report.grown)
         ndof = self.setup.model.ndof
         rows = {"q0": self.by_q[:ndof], "p0": self.by_p}
         rows |= {name: self.by_q[ndof:][positions.at(name)] for name in known}
