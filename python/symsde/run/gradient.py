@@ -176,8 +176,8 @@ class _Found:
         if share and (not allow_failed or not ok.any()):
             raise IncompatibleError(
                 f"a share of {share:.3g} of the paths failed ({checks.counted(int((~ok).sum()), 'path')}), and the "
-                "gradient of the mean over others is none of E f: take a smaller step, or allow_failed=True for that of "
-                "the others"
+                "gradient of the mean over others is none of E f: take a smaller step, or allow_failed=True for that "
+                "of the others"
             )
         if share:
             checks.warn(
