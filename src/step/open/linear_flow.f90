@@ -129,6 +129,10 @@ contains
       if (abs(tau - self%duration(leg)) > 0) call set_leg(self, leg, tau)
       z(:, :ndof) = q + dq
       z(:, ndof + 1:) = p + dp
+      if (nlane == 1) then
+         call move_alone(self%groups(:, leg), ndof, z, dq, dp)
+         return
+      end if
       do g = 1, size(self%groups, 1)
          associate (rows => self%groups(g, leg))
             do i = 1, rows%nrow
@@ -153,6 +157,33 @@ contains
          end associate
       end do
    end subroutine move
+
+   !> Rows of X side by side for a single path, with the bits of a lane of many. Rows that a group lacks have number 0.
+   pure subroutine move_alone(groups, ndof, z, dq, dp)
+      type(row_group), intent(in) :: groups(:)
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: z(2*ndof)
+      real(wp), intent(inout) :: dq(ndof), dp(ndof)
+      real(wp) :: d(0:2*ndof), moved(together)
+      integer :: g, i, k
+
+      d(0) = 0
+      d(1:ndof) = dq
+      d(ndof + 1:) = dp
+      do g = 1, size(groups)
+         associate (row => groups(g)%row, column => groups(g)%column, entry => groups(g)%entry)
+            moved = d(row)
+            do k = 1, size(column)
+               do i = 1, together
+                  moved(i) = moved(i) + entry(i, k)*z(column(k))
+               end do
+            end do
+            d(row) = moved
+         end associate
+      end do
+      dq = d(1:ndof)
+      dp = d(ndof + 1:)
+   end subroutine move_alone
 
    !> X over the time tau, leg `leg` of the step, row after row: x(j, i) is the entry of row i and column j.
    pure subroutine rows(self, leg, tau, x)
@@ -237,6 +268,7 @@ contains
       do g = 1, size(groups)
          associate (rows => groups(g))
             rows%nrow = 0
+            rows%row = 0
             union = .false.
             do k = 1, together
                next = 0

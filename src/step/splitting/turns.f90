@@ -20,13 +20,16 @@ module symsde_step_splitting_turns
    private
    public :: action_turns, new_action_turns
 
+   integer, parameter :: at_a_time = 128  !! angles of a few paths that are found together, to fill vectors
+
    type :: action_turns
       private
       integer, allocatable :: from(:)             !! row i of S has the entries from(i)+1 .. from(i+1) (2 ndof + 1)
       integer, allocatable :: column(:)           !! their columns (nonzero)
       real(wp), allocatable :: entry(:)           !! their values (nonzero)
       real(wp), allocatable :: z(:, :), g(:, :)   !! the point of a kick, and the gradient there (nlane, 2 ndof)
-      real(wp), allocatable, dimension(:) :: half, sine, cosine  !! theta_k/2 and its functions (nlane)
+      real(wp), allocatable, dimension(:) :: half, sine, cosine  !! theta_k/2 and its functions (nlane*planes)
+      integer :: planes = 1                       !! planes that are turned at a time
    contains
       procedure :: turn
    end type action_turns
@@ -41,9 +44,10 @@ contains
       integer :: i, j, n
 
       n = count(abs(s) > 0)
+      self%planes = min(ndof, max(1, at_a_time/nlane))
       allocate (self%from(2*ndof + 1), self%column(n), self%entry(n))
       allocate (self%z(nlane, 2*ndof), self%g(nlane, 2*ndof))
-      allocate (self%half(nlane), self%sine(nlane), self%cosine(nlane))
+      allocate (self%half(nlane*self%planes), self%sine(nlane*self%planes), self%cosine(nlane*self%planes))
       n = 0
       do i = 1, 2*ndof
          self%from(i) = n
@@ -66,20 +70,31 @@ contains
       real(wp), intent(in) :: w(nlane, 0:ham%nnoise)
       real(wp), intent(in), dimension(nlane, ndof) :: q, p
       real(wp), intent(inout), dimension(nlane, ndof) :: dq, dp
-      integer :: i, k
+      real(wp) :: g
+      integer :: i, k, n
 
       call add(size(q), q, dq, self%z(:, :ndof))
       call add(size(p), p, dp, self%z(:, ndof + 1:))
       call ham%gradient(t, w, self%z(:, :ndof), self%z(:, ndof + 1:), self%g(:, :ndof), self%g(:, ndof + 1:))
       do i = 1, 2*ndof
+         if (nlane == 1) then  ! without calls
+            g = self%g(1, i)
+            do k = self%from(i) + 1, self%from(i + 1)
+               g = g + (-weight*self%entry(k))*self%z(1, self%column(k))
+            end do
+            self%g(1, i) = g
+            cycle
+         end if
          do k = self%from(i) + 1, self%from(i + 1)
             call add_times(nlane, -weight*self%entry(k), self%z(:, self%column(k)), self%g(:, i))
          end do
       end do
-      do i = 1, ndof
-         call find_half(nlane, self%z(:, i), self%z(:, ndof + i), self%g(:, i), self%g(:, ndof + i), self%half)
-         call sincos_lanes(nlane, self%half, self%sine, self%cosine)
-         call rotate(nlane, self%sine, self%cosine, self%z(:, i), self%z(:, ndof + i), dq(:, i), dp(:, i))
+      ! Angles of planes that follow each other are numbers that follow each other.
+      do i = 1, ndof, self%planes
+         n = nlane*min(self%planes, ndof + 1 - i)
+         call find_half(n, self%z(1, i), self%z(1, ndof + i), self%g(1, i), self%g(1, ndof + i), self%half)
+         call sincos_lanes(n, self%half, self%sine, self%cosine)
+         call rotate(n, self%sine, self%cosine, self%z(1, i), self%z(1, ndof + i), dq(1, i), dp(1, i))
       end do
    end subroutine turn
 
