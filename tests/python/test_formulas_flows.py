@@ -21,11 +21,13 @@ if compiler.command() is None:
 pytestmark = pytest.mark.optimised
 
 ALL = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "midpoint", "gauss2")
+ONE_SOLVE = ALL[:4]  #: q and p meet in products of both alone
 KINETIC = "(p1**2 + p2**2 + p3**2)/2"
+NOISES = ["b*q2*p1 - q2", "b*p1*p3"]
 MODELS = {  # H, noises, schemes with generated steps
     "kubo": ("a*(p**2 + q**2)/2", ["b*(p**2 + q**2)/2"], ALL),
-    "mixed": ("p**2/2 + a*q*p + q**2/2", ["b*q*p"], ALL[3:4]),
-    "shaken": ("p**2/2 + a*q*p + q**2/2 + a*q", ["b*q*p", "b*p - q"], ALL[3:4]),
+    "mixed": ("p**2/2 + a*q*p + q**2/2", ["b*q*p"], ONE_SOLVE),
+    "shaken": ("p**2/2 + a*q*p + q**2/2 + a*q", ["b*q*p", "b*p - q"], ONE_SOLVE),
     "pushed in both": ("p**2/2 + p + q**2 + a*q", ["p + q"], ALL),
     "pushed": ("p**2 + q**2/2", ["b*p", "a*q"], ALL),
     "magnetic": ("(p - a*q**2)**2/2 + cos(q)", ["b*q*p"], ALL[3:4]),
@@ -34,6 +36,10 @@ MODELS = {  # H, noises, schemes with generated steps
     "one equation": ("p**2/2 - a*cos(q)", ["b*sin(q)"], ALL),
     "several": ("(p1**2 + a*p1*p2 + p2**2)/2 + q1**2*q2 + q1**2 + q2**2", ["b*q1", "b*p2**2"], ALL),
     "three": (f"{KINETIC} + exp(q1 - q2) + exp(q2 - q3) + exp(q3 - q1)", ["b*q1*q2"], ALL),
+    "field": ("((p1 + a*q2)**2 + (p2 - a*q1)**2)/2 + cos(q1) + q2**4", ["b*q1", "b*sin(q2)"], ONE_SOLVE),
+    "frame": ("(p1**2 + p2**2)/2 + a*(q1*p2 - q2*p1) + q1**2 + p1*q1", ["b*q1*p2", "b*q2**2"], ONE_SOLVE),
+    "sheared": (f"{KINETIC} + p2**4 + a*(q1*p2 + 2*q3*p1) + q1**4 + q2**2 + 2*q3**2", NOISES, ONE_SOLVE),
+    "curved": ("((p1 + a*q2**2)**2 + (p2 - q1)**2)/2 + q1**4", ["b*q1", "b*cos(q2)"], ALL[3:4]),
     "two angles": ("(p1**2 + p2**2)/2 - cos(q1) - a*cos(q2 - q1)", ["b*sin(q1)"], ALL),
 }
 PARAMS = {"a": 0.7, "b": 0.3}
@@ -45,7 +51,7 @@ def model(name: str, **values: float) -> ss.Model:
     return ss.model_from_sympy(H, noise, params={**PARAMS, **values})
 
 
-FURTHER = {name: emit_flow.FURTHER[len(schemes) == 1 :] for name, (*_, schemes) in MODELS.items()}
+FURTHER = {name: emit_flow.FURTHER["stormer_verlet" not in schemes :] for name, (*_, schemes) in MODELS.items()}
 CASES = [(name, scheme) for name, (*_, schemes) in MODELS.items() for scheme in (*schemes, *FURTHER[name])]
 
 
@@ -66,7 +72,9 @@ def test_steps_are_those_of_the_general_stepper(name, scheme):
     np.testing.assert_array_equal(other.p[-1], run.p[-1])
 
 
-DAMPED = [(x, scheme) for x, scheme in CASES if x not in ("mixed", "pushed", "magnetic", "one equation", "three")]
+CLOSED = {name for name, (*_, schemes) in MODELS.items() if schemes == ONE_SOLVE}  #: explicit steps, closed alone
+BY_THEMSELVES = [x for x in CASES if x[0] not in CLOSED or x[1] in ("midpoint", "heun")]
+DAMPED = [x for x in BY_THEMSELVES if x[0] not in ("mixed", "pushed", "magnetic", "one equation", "three")]
 
 
 @pytest.mark.parametrize(("name", "scheme"), DAMPED)
@@ -239,6 +247,18 @@ def test_one_kick_between_drifts(name):
     np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, 19])
 
 
+@pytest.mark.parametrize("scheme", emit_flow.KICKS)
+@pytest.mark.usefixtures("quick_compiler")
+def test_linear_noises_leave_no_products(scheme):
+    """A scheme that samples products of noises takes the steps of the one that does not, if there are none."""
+    run = {**RUN, "scheme": f"{scheme}_strong2", "steps": 37, "paths": 20}
+    for noise, has_steps in (("b*q", True), ("b*q**2", False)):
+        mine = ss.model_from_sympy("p**2/2 + q**4/4", [noise], params={"b": 0.3})
+        whole, plain = (ss.simulate(mine, **run, general=g) for g in (False, True))
+        assert ("whole steps" in whole.report.stepper) == has_steps
+        np.testing.assert_allclose(whole.q, plain.q, rtol=0, atol=60 * np.spacing(1.0))
+
+
 @pytest.mark.usefixtures("quick_compiler")
 def test_one_kick_between_rotations_is_no_drift():
     H, noise, _ = KICKED["well"]
@@ -263,11 +283,7 @@ CHANGES = {  # of the text of kicks, by one per cent, and who has them
     ("FMA(law[6 + j], b", "FMA(1.01 * law[6 + j], b"): ("well", "chin4a", 8.0),
     ("s, 1 / 15.0, far", "s, 1 / 15.2, far"): ("two noises", "chin4a", 0.0),
     ("s, 1 / 12.0, far", "s, 1 / 12.1, far"): ("two noises", "verlet_kdk", 8.0),
-    ("kick(LANE_OF, s, 1, far);\n#endif", "kick(LANE_OF, s, 1.01, far);\n#endif"): (
-        "well",
-        "lobatto2_swapped",
-        0.0,
-    ),
+    ("kick_at(LANE_OF, s, 1, 0.5, far)", "kick_at(LANE_OF, s, 1.01, 0.5, far)"): ("well", "lobatto2_swapped", 0.0),
     ("FMA(0.5, v[k] + u[k]", "FMA(0.505, v[k] + u[k]"): ("angle", "heun", 0.0),
     ("FMA(0.5, fade.whole, 1)", "FMA(0.505, fade.whole, 1)"): ("well", "lobatto2_swapped", 8.0),
     ("f[k] = FMA(fade.whole, f[k]", "f[k] = FMA(1.01 * fade.whole, f[k]"): ("angle", "heun", 8.0),
@@ -318,6 +334,32 @@ def test_wrong_losses_are_refused(monkeypatch, name, change):
             ss.simulate(mine, scheme=scheme, **RUN, steps=3)
 
 
+COUPLINGS = {  # text of steps where q and p meet, the same one per cent off, and who has them
+    ("FMA(ab, hqp", "FMA(1.01 * ab, hqp"): ("field", ALL[:3]),
+    ("drift_at(LANE_OF, s, 1, 0.5", "drift_at(LANE_OF, s, 1, 0.505"): ("sheared", ["stormer_verlet"]),
+    ("fall_at(LANE_OF, s, 0.5, 1,", "fall_at(LANE_OF, s, 0.505, 1,"): ("field", ["stormer_verlet"]),
+    ("drift_at(LANE_OF, s, 0.5, 1,", "drift_at(LANE_OF, s, 0.5, 1.01,"): ("shaken", ["lobatto2_swapped"]),
+    ("drift_at(LANE_OF, s, 1, 1,", "drift_at(LANE_OF, s, 1, 1.01,"): ("frame", ["symplectic_euler_adjoint"]),
+    ("i * down + j * across", "j * down + i * across"): ("sheared", ALL[:3]),  # the other matrix
+    ("FMA(0.5, hqp[k * DOF + i]", "FMA(0.505, hqp[k * DOF + i]"): ("frame", ["midpoint"]),
+    ("FMA(-0.5, hqp[i * DOF + k]", "FMA(-0.505, hqp[i * DOF + k]"): ("frame", ["midpoint"]),
+}
+
+
+@pytest.mark.parametrize("change", COUPLINGS, ids=lambda x: x[0])
+@pytest.mark.usefixtures("quick_compiler")
+def test_wrong_couplings_are_refused(monkeypatch, change):
+    """The twin of the steps of models whose q and p meet."""
+    name, schemes = COUPLINGS[change]
+    source = emit_flow.source
+    monkeypatch.setattr(emit_flow, "source", lambda made, **how: source(made, **how).replace(*change))
+    mine = model(name)
+    assert change[1] in mine.formula.source
+    for scheme in schemes:
+        with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
+            ss.simulate(mine, scheme=scheme, **RUN, steps=3)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_what_is_generated(name):
     schemes = (*MODELS[name][-1], *FURTHER[name])
@@ -325,10 +367,8 @@ def test_what_is_generated(name):
     assert tuple(s for s in (*ALL, *emit_flow.FURTHER) if f"formula_flow_{s}(" in mine.formula.source) == schemes
 
 
-@pytest.mark.parametrize(
-    "H", ["p**2/2 + q**2*cos(t)/2", "q1*p2*q3 + (p1**2+p2**2+p3**2)/2", "+".join(f"p{i}**2*q{i}" for i in range(1, 6))]
-)
-def test_time_mixed_products_and_many_coordinates_have_none(H):
+@pytest.mark.parametrize("H", ["p**2/2 + q**2*cos(t)/2", "+".join(f"p{i}**2*q{i}" for i in range(1, 6))])
+def test_time_and_many_coordinates_have_none(H):
     mine = ss.model_from_sympy(H)
     assert "formula_flow" not in mine.formula.source
 

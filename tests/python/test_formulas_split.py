@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import errors
+from symsde.model.formulas import emit_flow
 from symsde.model.formulas.formula_scenes import from_table
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
@@ -39,21 +40,48 @@ def test_the_split_that_leaves_less_is_taken(potential, stiffness):
 
 @pytest.mark.parametrize("noise", [["s*q1", "s*q2"], ["s*sin(q1)", "s*cos(q2)"]])
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "chin4a", "gauss_dkdkd_strong2"])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_whole_steps_are_those_of_the_library(noise, scheme, sign):
+@pytest.mark.parametrize(("sign", "motion"), [(1, FIELD), (-1, FIELD), (1, f"b*{FIELD} + 0.3*p1*p2")])
+def test_whole_steps_are_those_of_the_library(noise, scheme, sign, motion):
     """Generated steps and the library's, blocks and single paths, and those of a model of functions with this S."""
     potential = "q1**4/4 + cos(q2 - q1)"
-    model = ss.model_from_sympy(f"{FIELD} + {potential}", noise, params=VALUES)
+    model = ss.model_from_sympy(f"{motion} + {potential}", noise, params=VALUES)
     given = {**STATE, "step": sign * 0.05, "scheme": scheme}
     run, oracle = ss.simulate(model, **given), ss.simulate(model, general=True, **given)
-    assert ("whole steps" in run.report.stepper) == (
-        scheme == "gauss_dkdkd" or (scheme == "verlet_kdk" and noise[0] == "s*q1")
-    )
+    assert ("whole steps" in run.report.stepper) == (not scheme.endswith("_strong2") or noise[0] == "s*q1")
     assert "kicks between flows of a quadratic part" in oracle.report.stepper
     np.testing.assert_allclose([run.q, run.p], [oracle.q, oracle.p], rtol=0, atol=2e-13)
     one = ss.simulate(model, **given | {"paths": 1}, first_path=7)
     np.testing.assert_array_equal([one.q[:, :, 0], one.p[:, :, 0]], [run.q[:, :, 7], run.p[:, :, 7]])
     assert ss.diagnose.symplecticity(model, scheme, q=[0.6, 0.2], p=[0.3, -0.4], step=0.2)[0] < 5e-14
+
+
+FAULTS = {  # text of steps by kicks between flows of the quadratic part, the same one per cent off, and its schemes
+    ("part * h * D.stiffness", "1.01 * part * h * D.stiffness"): ("gauss_dkdkd", "verlet_kdk", "chin4a"),
+    ("FMA(-h * stiffness[i]", "FMA(-1.01 * h * stiffness[i]"): ("chin4a",),
+    ("FMA(-h, stiffness[i]", "FMA(-1.01 * h, stiffness[i]"): ("chin4a",),
+    ("(1 / 36.0) * k", "(1.01 / 36.0) * k"): ("chin4a",),
+    ("FMA(x[i * ROW + DOF + j], old.d[j], a)", "FMA(1.01 * x[i * ROW + DOF + j], old.d[j], a)"): ("verlet_kdk",),
+    ("s, 1 / 15.0, far", "s, 1.01 / 15, far"): ("chin4a",),
+    ("s, 1 / 12.0, far", "s, 1.01 / 12, far"): ("verlet_kdk",),
+}
+
+
+@pytest.mark.parametrize("change", FAULTS, ids=lambda x: x[0])
+def test_wrong_kicks_are_refused(monkeypatch, change):
+    """The twin, which the probe of whole steps notices."""
+    source = emit_flow.source_of_kicks
+
+    def changed(made):
+        text, schemes = source(made)
+        assert change[0] in text
+        return text.replace(*change), schemes
+
+    monkeypatch.setattr(emit_flow, "source_of_kicks", changed)
+    formula = f"b*{FIELD} + 0.3*p1*p2 + q1**4/4 + cos(q2 - q1)"
+    model = ss.model_from_sympy(formula, ["s*sin(q1)", "s*cos(q2)"], params=VALUES)
+    for scheme in FAULTS[change]:
+        with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
+            ss.simulate(model, scheme=scheme, **STATE)
 
 
 def test_other_values_have_a_split_of_their_own():

@@ -38,9 +38,13 @@ enum {{ GAMMA_H = 5, TURNS = 7 }}; /* their places among functionals of symsde_f
 #define FADE , fade
 #define FADE_OF(functionals) const fading fade = fade_of(functionals[GAMMA_H])
 #elif SPLIT
-#define FADE_IN , const double *restrict turns
-#define FADE , turns
-#define FADE_OF(functionals) const double *const turns = functionals[TURNS]
+#define ROW (2 * DOF)
+#define FADE_IN , const quadratic D
+#define FADE , D
+#define FADE_OF(functionals) const quadratic D = {{functionals[TURNS], functionals[TURNS] + DRIFTS * ROW * ROW}}
+typedef struct {{
+   const double *flow, *stiffness; /* of each drift of a step, and S_qq */
+}} quadratic;
 #else
 #define FADE_IN
 #define FADE
@@ -51,14 +55,19 @@ enum {{ GAMMA_H = 5, TURNS = 7 }}; /* their places among functionals of symsde_f
 #define GROUP {group}
 #define MAY_BE_FAR {far}
 
-/* Of a lane; e: what forces take from the coordinates alone, whatever the weights are. */
+/* Of a lane; e: what forces take from the coordinates alone, whatever the weights are; d: a kick that the next drift
+ * adds to p. */
 #define KEPT {kept}
-#define SEPARABLE {separable}
+#define EXPLICIT {explicit} /* whether steps of explicit schemes are there */
+#define COUPLED {coupled}
 #define MIXED {mixed}
 #define MOVES {moves} /* a gradient at zero */
 #define NHAM {nham}
 typedef struct {{
    double q[DOF], p[DOF], e[KEPT > 0 ? KEPT : 1];
+#if SPLIT
+   double d[DOF];
+#endif
 }} state;
 
 /* What every step of a lane is given: its weights, of which that of H is the step h, and the parameters. */
@@ -67,27 +76,37 @@ typedef struct {{
 """
 
 
-def flows(made: Derivatives) -> list[str]:
-    """The schemes whose steps are generated."""
-    separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
+def flows(made: Derivatives, *, damped: bool = False) -> list[str]:
+    """The schemes whose steps are generated; damped: for momenta damped by one rate."""
+    separable = _separable(made)
     nodes = [made.graph.nodes[x] for x in _needed(made, BLOCKS)] if made.problem.ndof <= MAX_DOF else []
     few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
     if not few or "t" in _leaves(made, BLOCKS):
         return []
-    schemes = [*EXPLICIT, *FURTHER[:1], *_corrected(made)] if separable else []
-    if separable or made.problem.ndof == 1:
-        schemes.append("midpoint")
+    schemes = [*EXPLICIT, *FURTHER[:1]] if separable or (_coupled(made) and not damped) else []
+    schemes += [*(_corrected(made) if separable else []), "midpoint"]
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
-    schemes += FURTHER[1:] if schemes else []
+    schemes += FURTHER[1:]
     return [*schemes, *(_kicks(made) if separable and not made.is_split else [])]
 
 
+def _separable(made: Derivatives) -> bool:
+    """Whether no q meets a p."""
+    return all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
+
+
+def _coupled(made: Derivatives) -> bool:
+    """Whether q and p meet in products of both alone: then S_qp does not depend on the state, and explicit schemes have
+    one matrix to eliminate."""
+    return not _separable(made) and not any(x[0] in "qp" for x in _leaves(made, ["hqp"]))
+
+
 def same_steps(made: Derivatives) -> dict[str, str]:
-    """Schemes of kicks between drifts -> the scheme whose generated steps are theirs; none where drifts are the flow of
-    a quadratic part."""
-    found = [] if made.is_split else flows(made)
-    return {scheme: other for scheme, other in SAME.items() if other in found}
+    """Schemes of kicks between drifts -> the scheme whose generated steps are theirs: that of one kick, but not where
+    drifts are the flow of a quadratic part; those that sample products of noises, where all noises are linear."""
+    linear = all(made.graph.is_number(x, 0.0) for x in made.noise_block(BLOCKS["hqq"]))
+    return ({} if made.is_split else SAME) | ({f"{x}_strong2": x for x in KICKS} if linear else {})
 
 
 def source_of_kicks(made: Derivatives) -> tuple[str, list[str]]:
@@ -97,17 +116,17 @@ def source_of_kicks(made: Derivatives) -> tuple[str, list[str]]:
     if problem.by_path or problem.ndof > MAX_DOF or not 0 < problem.nnoise <= MAX_NOISES:
         return "", []
     rest = made.at_rest()
-    nodes = [rest.graph.nodes[x] for x in _needed(rest, ["hq"])]
+    blocks = ["hq", "hqq"]
+    nodes = [rest.graph.nodes[x] for x in _needed(rest, blocks)]
     few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
-    if not few or "t" in _leaves(rest, ["hq"]):
+    if not few or "t" in _leaves(rest, blocks):
         return "", []
-    noise = rest.noise_block(BLOCKS["hqq"])
-    additive = all(rest.graph.is_number(node, 0.0) for node in noise)
-    schemes = ["gauss_dkdkd", *(["verlet_kdk"] if additive else [])]
+    schemes = list(KICKS)
     kept = _kept(rest)
-    parts = [HEAD.format(**_sizes(rest), kept=len(kept), separable=0, moves=1, damped=0, split=1, mixed=1)]
-    parts += [_places(rest, kept), _moves(rest, "fall", "hq", kept), _moves(rest, "kick", "hq")]
-    parts += ["#define BENT 0", _text("steps"), _text("kicks"), *map(_kicked, schemes)]
+    parts = [HEAD.format(**_sizes(rest), kept=len(kept), explicit=0, coupled=0, moves=1, damped=0, split=1, mixed=1)]
+    parts.append(_places(rest, kept))
+    parts += [_moves(rest, *how, into="s->d") for how in (("fall", "hq", kept), ("kick", "hq"))]
+    parts += [_text("steps"), *_products(made, rest), *map(_kicked, schemes)]
     return "\n".join(parts), schemes
 
 
@@ -135,6 +154,7 @@ def _step_sizes(scheme: str, *, linear: bool = False) -> str:
     kept = "KEPT" if scheme in ("stormer_verlet", "verlet_kdk") else "0"
     sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
     sizes += f"#define STEP_WIDTH {KICKS.get(scheme, 1)}\n"
+    sizes += f"#undef DRIFTS\n#define DRIFTS {4 if scheme == 'chin4a' else 3} /* one for each kick, and one more */\n"
     sizes += f"#define STEP_GROUP {'(GROUP < 2 ? GROUP : 2)' if scheme in ('chin4a', 'heun') else 'GROUP'}\n"
     sizes += f"#define STEP_WEIGH {'weigh_three' if scheme == 'chin4a' else 'weigh_two'}\n"
     sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
@@ -151,10 +171,10 @@ def _kicks(made: Derivatives) -> list[str]:
     return list(KICKS)
 
 
-def _products(made: Derivatives) -> list[str]:
-    """Steps by kicks, and the products of gradients that they use."""
+def _products(made: Derivatives, rest: Derivatives) -> list[str]:
+    """Steps by kicks, and the products of gradients that they use; rest: the derivatives at p = 0."""
     bend = made.bend()
-    parts = [_function(made, "bow", ["hq", "hqq"]), _function(made, "lever", ["hpp"])]
+    parts = [_function(rest, "bow", ["hq", "hqq"]), _function(made, "lever", ["hpp"])]
     parts.append(_lines(made, "bend", "double *restrict f", [(f"f[{i}]", x) for i, x in enumerate(bend)]))
     return [*parts, f"#define BENT {int(any(not made.graph.is_number(x, 0.0) for x in bend))}", _text("kicks")]
 
@@ -169,38 +189,30 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
 
     damped: steps of momenta damped by one rate.
     """
-    schemes = flows(made)
+    schemes = flows(made, damped=damped)
     if not schemes:
         return ""
     kept = _kept(made) if "stormer_verlet" in schemes else []
-    separable = int("stormer_verlet" in schemes)
+    explicit = int("stormer_verlet" in schemes)
     parts = [
         HEAD.format(
             **_sizes(made),
             kept=len(kept),
             split=0,
-            separable=separable,
+            explicit=explicit,
+            coupled=int(_coupled(made)),
             moves=int(_moves_at_zero(made)),
             damped=int(damped),
-            mixed=int(not made.graph.is_number(made.outputs["hqp"][0], 0.0)),
+            mixed=int(not _separable(made)),
         )
     ]
     parts += [_text("fade")] if damped else []
     parts += [_function(made, "force", ["hq"]), _function(made, "velocity", ["hp"])]
-    if separable:
-        parts += [
-            _places(made, kept),
-            _moves(made, "fall", "hq", kept),
-            _moves(made, "kick", "hq"),
-            _moves(made, "drift", "hp"),
-        ]
-        if damped:
-            parts += [_moves(made, "fall_bound", "hq", kept, only="bound")]
-            parts += [_moves(made, f"kick_{terms}", "hq", only=terms) for terms in ("free", "bound")]
-            parts += [f"#define FREE_KICKS {int(_kicks_freely(made))} /* whether kick_free has terms */"]
-            parts += [_moves(made, "glide", "hp", by_state="shrunk")] if _glides(made) else []
-        parts += [f"#define GLIDES {int(_glides(made))} /* a drift by momenta that decay is one of shrunk momenta */"]
-    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _elimination("eliminate", made.problem.ndof)]
+    parts += [_elimination("eliminate", made.problem.ndof)]
+    if made.problem.ndof > 1:
+        parts.append(_elimination("eliminate_both", 2 * made.problem.ndof))
+    parts += _explicit(made, kept, damped=damped) if explicit else []
+    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps")]
     if any(scheme.endswith(CORRECTED) for scheme in schemes):
         parts += _correction(made)
     eliminated = _eliminates(made)
@@ -212,9 +224,8 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
     if "gauss2" in schemes and rotates:
         parts.append(_text("gauss2_linear"))
     elif "gauss2" in schemes:
-        parts += [_elimination("eliminate_both", 2 * made.problem.ndof)] if made.problem.ndof > 1 else []
         parts.append(_text("gauss2") + (_text("gauss2_swept") if _sweeps(made) else ""))
-    parts += _products(made) if set(KICKS).intersection(schemes) else []
+    parts += _products(made, made) if set(KICKS).intersection(schemes) else []
     newton = [x for x in schemes if x in ("midpoint", "gauss2") and not _is_quadratic(made)]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:
@@ -231,6 +242,27 @@ def source(made: Derivatives, *, damped: bool = False) -> str:
         sizes = _step_sizes(scheme, linear=rotates and scheme in ("midpoint", "gauss2"))
         parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
+
+
+def _explicit(made: Derivatives, kept: list[int], *, damped: bool) -> list[str]:
+    """What explicit steps are made of; where q and p meet, kicks and drifts as increments, and S_qp."""
+    parts = [
+        _places(made, kept),
+        _moves(made, "fall", "hq", kept),
+        _moves(made, "kick", "hq"),
+        _moves(made, "drift", "hp"),
+    ]
+    if _coupled(made):
+        parts += [_function(made, "coupling", ["hqp"])]
+        moves = (("kick_by", "hq", ()), ("fall_by", "hq", kept), ("drift_by", "hp", ()))
+        parts += [_moves(made, *how, into="d") for how in moves]
+    if damped:
+        parts += [_moves(made, "fall_bound", "hq", kept, only="bound")]
+        parts += [_moves(made, f"kick_{terms}", "hq", only=terms) for terms in ("free", "bound")]
+        parts += [f"#define FREE_KICKS {int(_kicks_freely(made))} /* whether kick_free has terms */"]
+        parts += [_moves(made, "glide", "hp", by_state="shrunk")] if _glides(made) else []
+    glides = int(_glides(made))
+    return [*parts, f"#define GLIDES {glides} /* a drift by momenta that decay is one of shrunk momenta */"]
 
 
 def _elimination(name: str, n: int) -> str:
@@ -329,8 +361,7 @@ def _at_zero(made: Derivatives, nodes: Iterable[int]) -> bool:
 
 def _eliminates(made: Derivatives) -> bool:
     """Whether midpoint eliminates the momenta: separable, velocities linear in p, and not quadratic."""
-    separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
-    return separable and not _is_quadratic(made) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
+    return _separable(made) and not _is_quadratic(made) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
 
 
 def _sweeps(made: Derivatives) -> bool:
@@ -340,14 +371,14 @@ def _sweeps(made: Derivatives) -> bool:
 
 
 def _kept(made: Derivatives) -> list[int]:
-    """The largest parts of the force that depend on coordinates and not on weights, except leaves: their values after
-    a step of Stormer-Verlet serve at the beginning of the next step."""
+    """The largest parts of the force that depend on coordinates and on no weights or momenta, except leaves: their
+    values after a step of Stormer-Verlet serve at the beginning of the next step."""
     graph, roots = made.graph, set(made.outputs["hq"])
     needed = _needed(made, ["hq"])
     weighted: set[int] = set()
     for x in needed:
         node = graph.nodes[x]
-        if (node.what == "leaf" and node.value[0] == "w") or any(a in weighted for a in node.arguments):
+        if (node.what == "leaf" and node.value[0] in "wp") or any(a in weighted for a in node.arguments):
             weighted.add(x)
     takers = {a for x in needed if x in weighted for a in graph.nodes[x].arguments} | roots
     return [x for x in needed if x in takers - weighted and graph.nodes[x].lane and graph.nodes[x].what != "leaf"]
@@ -377,14 +408,23 @@ def _coordinates(graph: Graph) -> set[int]:
 
 
 def _moves(
-    made: Derivatives, name: str, block: str, kept: Iterable[int] = (), *, by_state: str = "part", only: str = ""
+    made: Derivatives,
+    name: str,
+    block: str,
+    kept: Iterable[int] = (),
+    *,
+    by_state: str = "part",
+    only: str = "",
+    into: str = "",
 ) -> str:
     """p - part S_q or q + part S_p in place, term by term: first terms that do not depend on the state, last terms that
     depend on kept parts, so that a step waits as little as possible for the step before.
 
-    by_state: the part of terms that depend on the state; only: "free", terms that do not depend on it, or "bound".
+    by_state: the part of terms that depend on the state; only: "free", terms that do not depend on it, or "bound";
+    into: what is moved in the place of p or q, "d", or "s->d", a kick less the force of the quadratic part.
     """
-    graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
+    graph, target, sign = made.graph, *(("s->p", "-") if block == "hq" else ("s->q", ""))
+    target, n = into or target, made.problem.ndof
     given = {**_constants(made), **{x: f"s->e[{k}]" for k, x in enumerate(kept)}}
     found = [_signed(graph, x) for x in made.outputs[block]]
     state = _above(graph, _coordinates(graph))
@@ -393,16 +433,22 @@ def _moves(
     pairs = [[(minus, *_factors(graph, x, state, given)) for minus, x in terms] for terms in found]
     writer = Writer(graph, _load, given)
     before, inside, _ = writer.lines([x for terms in pairs for _, *factors in terms for x in factors if x >= 0])
-    lines = [f"INLINE {name}(LANE_IN, state *s, const double part, const int far) {{", "   int64_t beyond = 0;"]
+    of = "const state *s, double *restrict d" if into == "d" else "state *s"
+    lines = [f"INLINE {name}(LANE_IN, {of}, const double part, const int far) {{", "   int64_t beyond = 0;"]
     lines += ["   const double shrunk = FMA(0.5 * part, fade.whole, part);"] if by_state == "shrunk" else []
     lines += [*before, *(line[3:] for line in inside)]
     for k, terms in enumerate(pairs):
         terms.sort(key=lambda x: (x[1] in state or x[2] in state, x[1] in late or x[2] in late, max(x[1:])))
+        back = [f"FMA(part * h * D.stiffness[{k * n + j}], s->q[{j}], {target}[{k}])" for j in range(n)]
+        back = back if into == "s->d" else []
         for minus, factor, x in terms:
+            if x in state or factor in state:  # known later than q itself
+                lines, back = [*lines, *(f"   {target}[{k}] = {x};" for x in back)], []
             how = "-" if minus != (sign == "-") else ""
             part = by_state if x in state or factor in state else "part"
             by = f"{how}{part} * {writer.operand(factor)}" if factor >= 0 else f"{how}{part}"
-            lines.append(f"   s->{target}[{k}] = FMA({by}, {writer.operand(x)}, s->{target}[{k}]);")
+            lines.append(f"   {target}[{k}] = FMA({by}, {writer.operand(x)}, {target}[{k}]);")
+        lines += [f"   {target}[{k}] = {x};" for x in back]
     return "\n".join([*lines, "   return beyond;", "}", ""])
 
 

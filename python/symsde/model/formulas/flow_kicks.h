@@ -10,31 +10,52 @@ static const double leg_of[4] = {0.21132486540518711, 0.57735026918962577, 1, 0.
 #endif
 
 #if SPLIT
-/* Drift number `leg` is the flow of a quadratic part: z + X z in place of z = (q, p). Kicks are those of H at p = 0,
- * which hold the part's own force S_qq q: it is taken back. */
-enum { ROW = 2 * DOF };
+/* Drift number `leg` is the flow of a quadratic part, z + X z of z = (q, p), here after a kick d: z + X z + (1 + X)(0, d).
+ * What depends on the kick comes last, since a step waits for it. Kicks are those of H at p = 0, less the part's own
+ * force S_qq q. */
+#define KICKED d
 
-LANE void turn(const double *restrict x, state *s) {
-   double z[ROW];
-   for (int k = 0; k < DOF; k++) {
-      z[k] = s->q[k];
-      z[DOF + k] = s->p[k];
-   }
-   for (int k = 0; k < DOF; k++)
-      for (int j = 0; j < ROW; j++) {
-         s->q[k] = FMA(x[k * ROW + j], z[j], s->q[k]);
-         s->p[k] = FMA(x[(DOF + k) * ROW + j], z[j], s->p[k]);
+LANE void turn(const double *restrict x, const int kicked, state *s) {
+   state old = *s;
+   for (int i = 0; i < ROW; i++) {
+      double a = i < DOF ? old.q[i] : old.p[i - DOF], b = 0;
+      for (int j = 0; j < DOF; j++) {
+         a = FMA(x[i * ROW + j], old.q[j], a);
+         b = FMA(x[i * ROW + DOF + j], old.p[j], b);
       }
+      a += b;
+      if (kicked) {
+         if (i >= DOF)
+            a += old.d[i - DOF];
+         for (int j = 0; j < DOF; j++)
+            a = FMA(x[i * ROW + DOF + j], old.d[j], a);
+      }
+      *(i < DOF ? s->q + i : s->p + i - DOF) = a;
+   }
+   for (int j = 0; j < DOF; j++)
+      s->d[j] = 0;
 }
 
-LANE void soften(const double h, const double *restrict turns, state *s) {
-   const double *const stiffness = turns + 3 * ROW * ROW;
-   for (int k = 0; k < DOF; k++)
-      for (int j = 0; j < DOF; j++)
-         s->p[k] = FMA(h * stiffness[k * DOF + j], s->q[j], s->p[k]);
+/* p + d in place of p, after a kick at the end of a step */
+LANE void settle(state *s) {
+   for (int j = 0; j < DOF; j++) {
+      s->p[j] += s->d[j];
+      s->d[j] = 0;
+   }
+}
+
+/* the slope f and the curvature k of a kick without those of the quadratic part */
+LANE void soften(const double h, const double *restrict stiffness, const state *s, double *restrict f,
+                 double *restrict k) {
+   for (int i = 0; i < DOF * DOF; i++) {
+      f[i / DOF] = FMA(-h * stiffness[i], s->q[i % DOF], f[i / DOF]);
+      k[i] = FMA(-h, stiffness[i], k[i]);
+   }
 }
 #else
-#define soften(h, turns, s)
+#define KICKED p
+#define settle(s)
+#define soften(h, stiffness, s, f, k)
 #endif
 
 INLINE leap(LANE_IN, state *s, const int leg, const int far) {
@@ -43,7 +64,7 @@ INLINE leap(LANE_IN, state *s, const int leg, const int far) {
    lose(fade.leg[leg], s);
    return beyond;
 #elif SPLIT
-   turn(turns + (leg == 2 ? 1 : leg) * ROW * ROW, s);
+   turn(D.flow + (leg > 1 ? 1 : leg) * ROW * ROW, 1, s); /* drifts outside of kicks at the ends are none */
    return 0;
 #else
    return drift(LANE_OF, s, leg_of[leg], far);
@@ -61,7 +82,12 @@ LANE state ahead_of(LANE_IN, const state *s, const int far) {
 #endif
 
 INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
+#if SPLIT
+   int64_t beyond = 0;
+   turn(D.flow, 0, s);
+#else
    int64_t beyond = leap(LANE_OF, s, 0, far);
+#endif
 #if DAMPED
    state ahead = ahead_of(LANE_OF, s, far);
    kick_bound(w, n, c, 0.5 * h FADE, &ahead, 1, far);
@@ -72,10 +98,8 @@ INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
    return beyond | leap(LANE_OF, s, 0, far);
 #else
    beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
-   soften(0.5 * h, turns, s);
    beyond |= leap(LANE_OF, s, 1, far);
    beyond |= kick(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
-   soften(0.5 * h, turns, s);
    return beyond | leap(LANE_OF, s, 0, far);
 #endif
 }
@@ -87,7 +111,7 @@ INLINE push(LANE_IN, state *s, const double part, const int far) {
    double f[DOF];
    beyond = bend(LANE_OF, s, f, far);
    for (int i = 0; i < DOF; i++)
-      s->p[i] = FMA(-part * h * fabs(h), f[i], s->p[i]);
+      s->KICKED[i] = FMA(-part * h * fabs(h), f[i], s->KICKED[i]);
 #endif
    return beyond;
 }
@@ -105,23 +129,23 @@ INLINE verlet_kdk(LANE_IN, state *s, const int far) {
    beyond |= fall_bound(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
 #else
    int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
-   soften(0.5 * h, turns, s);
    beyond |= push(LANE_OF, s, 1 / 12.0, far);
    beyond |= leap(LANE_OF, s, 2, far);
    beyond |= places(LANE_OF, s, s->e, far);
    beyond |= fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
-   soften(0.5 * h, turns, s);
 #endif
-   return beyond | push(LANE_OF, s, 1 / 12.0, far);
+   beyond |= push(LANE_OF, s, 1 / 12.0, far);
+   settle(s);
+   return beyond;
 }
 
 /* The kick in the middle is by two thirds of h U - (h^3/48) U_q.M^-1 U_q, with V = h U + sum_k v_k H_k in the square. */
-#if !SPLIT
 INLINE chin4a(LANE_IN, state *s, const int far) {
    double f[DOF], k[DOF * DOF], m[DOF * DOF], v[DOF];
    int64_t beyond = kick(w, n, c, (1 / 6.0) * h FADE, s, 1, far);
    beyond |= leap(LANE_OF, s, 3, far);
    beyond |= bow(w + 3 * NHAM * n, n, c, h FADE, s, f, k, far) | lever(LANE_OF, s, m, far);
+   soften(h, D.stiffness, s, f, k);
    beyond |= kick(w + NHAM * n, n, c, (2 / 3.0) * h FADE, s, 1, far);
    beyond |= push(LANE_OF, s, 1 / 15.0, far);
    for (int i = 0; i < DOF; i++) {
@@ -131,11 +155,12 @@ INLINE chin4a(LANE_IN, state *s, const int far) {
    }
    for (int i = 0; i < DOF; i++)
       for (int j = 0; j < DOF; j++)
-         s->p[i] = FMA((1 / 36.0) * k[i * DOF + j], v[j], s->p[i]);
+         s->KICKED[i] = FMA((1 / 36.0) * k[i * DOF + j], v[j], s->KICKED[i]);
    beyond |= leap(LANE_OF, s, 3, far);
-   return beyond | kick(w + 2 * NHAM * n, n, c, (1 / 6.0) * h FADE, s, 1, far);
+   beyond |= kick(w + 2 * NHAM * n, n, c, (1 / 6.0) * h FADE, s, 1, far);
+   settle(s);
+   return beyond;
 }
-#endif
 
 /* The weights of three kicks and of V, from K, too: 4 (dW/24 + K) +- a, 8 (dW/12 - K), dW - 12 K. Damped, those of kicks
  * are beta dW + gamma a + eta K, with three of each in `law`. */

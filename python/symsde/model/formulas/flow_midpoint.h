@@ -13,14 +13,29 @@ INLINE midpoint_evaluate(LANE_IN, const state *s, const double *z, double *e, co
 }
 
 /* (f, g) times the inverse of Newton's matrix of (F, G) = (S_p, -S_q) is d times the returned number: in closed form
- * for one degree of freedom; for several, whose S_qp vanish, with F eliminated. */
+ * for one degree of freedom; for several whose S_qp vanish with F eliminated. */
 LANE double midpoint_solve(const double *e, const double *f, const double *g, double *d) {
-   const double *hqq = e + AT_QQ, *hpp = e + AT_PP;
+   const double *hqq = e + AT_QQ, *hqp = e + AT_QP, *hpp = e + AT_PP;
 #if DOF == 1
-   const double a = 0.5 * hqq[0], b = 0.5 * e[AT_QP], k = 0.5 * hpp[0];
+   const double a = 0.5 * hqq[0], b = 0.5 * hqp[0], k = 0.5 * hpp[0];
    d[0] = FMA(k, g[0], (1 + b) * f[0]);
    d[1] = FMA(-a, f[0], (1 - b) * g[0]);
    return 1 / FMA(a, k, FMA(-b, b, 1.0));
+#elif MIXED
+   double matrix[4 * DOF * DOF];
+   for (int i = 0; i < DOF; i++) {
+      double *const above = matrix + 2 * DOF * i, *const below = above + 2 * DOF * DOF;
+      d[i] = f[i];
+      d[DOF + i] = g[i];
+      for (int k = 0; k < DOF; k++) {
+         above[k] = FMA(-0.5, hqp[i * DOF + k], i == k);
+         above[DOF + k] = -0.5 * hpp[i * DOF + k];
+         below[k] = 0.5 * hqq[i * DOF + k];
+         below[DOF + k] = FMA(0.5, hqp[k * DOF + i], i == k);
+      }
+   }
+   eliminate_both(matrix, d);
+   return 1;
 #else
    double matrix[DOF * DOF];
    for (int i = 0; i < DOF; i++) {

@@ -7,6 +7,7 @@
  *    kick_bound, kick_free, fall_bound   kick and fall by the terms that depend on the state, and by those that do not
  *    glide             q + part S_p(p + exp(-z) p)/2 where S_p is linear, for damped momenta
  *    places, fall      what S_q takes from q alone, and p - part S_q by that
+ *    coupling          S_qp; kick_by, fall_by, drift_by   d - part S_q, d + part S_p
  *
  * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
  * some argument was far, as the functions do.
@@ -19,6 +20,9 @@ LANE state state_of(const double *restrict x, const int i, const int kept) {
    for (int k = 0; k < DOF; k++) {
       s.q[k] = x[k * STRIP + i];
       s.p[k] = x[(DOF + k) * STRIP + i];
+#if SPLIT
+      s.d[k] = 0;
+#endif
    }
    return s;
 }
@@ -42,19 +46,74 @@ LANE void lose(const double part, state *s) {
 #define lose(part, s)
 #endif
 
-#if SEPARABLE
-/* p' = p - S_q(q), q' = q + S_p(p') */
+#if EXPLICIT
+/* Where q and p meet in products of both alone, S_qp depends on neither, and explicit schemes have one matrix to eliminate:
+ *
+ *    p' = p - a S_q(q, p + b (p' - p)) = p - a (1 + a b S_qp)^-1 S_q(q, p)
+ *    q' = q + a S_p(q + b (q' - q), p) = q + a (1 - a b S_pq)^-1 S_p(q, p)
+ *
+ * With S_qp = 0 these are kick and drift. */
+#if COUPLED
+/* x + (1 + ab S_qp)^-1 d in place of x, or by the transposed matrix, whose entries stand `down` and `across` apart */
+INLINE add_part(LANE_IN, const state *s, const double ab, const int down, const int across, double *restrict d,
+                double *restrict x, const int far) {
+   double hqp[DOF * DOF], matrix[DOF * DOF];
+   const int64_t beyond = coupling(LANE_OF, s, hqp, far);
+   for (int i = 0; i < DOF; i++)
+      for (int j = 0; j < DOF; j++)
+         matrix[i * DOF + j] = FMA(ab, hqp[i * down + j * across], i == j);
+   eliminate(matrix, d);
+   for (int i = 0; i < DOF; i++)
+      x[i] += d[i];
+   return beyond;
+}
+#endif
+
+INLINE kick_at(LANE_IN, state *s, const double a, const double b, const int far) {
+#if COUPLED
+   double d[DOF] = {0};
+   const int64_t beyond = kick_by(LANE_OF, s, d, a, far);
+   return beyond | add_part(LANE_OF, s, a * b, 1, DOF, d, s->p, far);
+#else
+   (void)b;
+   return kick(LANE_OF, s, a, far);
+#endif
+}
+
+INLINE fall_at(LANE_IN, state *s, const double a, const double b, const int far) {
+#if COUPLED
+   double d[DOF] = {0};
+   const int64_t beyond = fall_by(LANE_OF, s, d, a, far);
+   return beyond | add_part(LANE_OF, s, a * b, 1, DOF, d, s->p, far);
+#else
+   (void)b;
+   return fall(LANE_OF, s, a, far);
+#endif
+}
+
+INLINE drift_at(LANE_IN, state *s, const double a, const double b, const int far) {
+#if COUPLED
+   double d[DOF] = {0};
+   const int64_t beyond = drift_by(LANE_OF, s, d, a, far);
+   return beyond | add_part(LANE_OF, s, -a * b, DOF, 1, d, s->q, far);
+#else
+   (void)b;
+   return drift(LANE_OF, s, a, far);
+#endif
+}
+
+/* p' = p - S_q(q, p'), q' = q + S_p(q, p') */
 INLINE symplectic_euler(LANE_IN, state *s, const int far) {
-   int64_t beyond = kick(LANE_OF, s, 1, far);
+   int64_t beyond = kick_at(LANE_OF, s, 1, 1, far);
    beyond |= drift(LANE_OF, s, 1, far);
    lose(fade.whole, s);
    return beyond;
 }
 
-/* q' = q + S_p(p), p' = p - S_q(q') */
+/* q' = q + S_p(q', p), p' = p - S_q(q', p) */
 INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
    lose(fade.whole, s);
-   const int64_t beyond = drift(LANE_OF, s, 1, far);
+   const int64_t beyond = drift_at(LANE_OF, s, 1, 1, far);
    return beyond | kick(LANE_OF, s, 1, far);
 }
 
@@ -84,7 +143,7 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    state ahead = kicked_ahead(s, &free);
    fall_bound(LANE_OF, &ahead, 0.5, far);
 #endif
-   int64_t beyond = fall(LANE_OF, s, 0.5, far);
+   int64_t beyond = fall_at(LANE_OF, s, 0.5, 1, far);
 #if DAMPED
 #if GLIDES
    beyond |= glide(LANE_OF, s, 1, far);
@@ -97,7 +156,7 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
 #endif
    lose_beside(fade.whole, &ahead, s);
 #else
-   beyond |= drift(LANE_OF, s, 1, far);
+   beyond |= drift_at(LANE_OF, s, 1, 0.5, far);
 #endif
    beyond |= places(LANE_OF, s, s->e, far);
 #if DAMPED
@@ -109,12 +168,12 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
 
 /* half a drift, a kick, half a drift; of damped momenta half of the kick decays with them */
 INLINE lobatto2_swapped(LANE_IN, state *s, const int far) {
-   int64_t beyond = drift(LANE_OF, s, 0.5, far);
+   int64_t beyond = drift_at(LANE_OF, s, 0.5, 1, far);
    lose(fade.whole, s);
 #if DAMPED
    beyond |= kick(LANE_OF, s, FMA(0.5, fade.whole, 1), far);
 #else
-   beyond |= kick(LANE_OF, s, 1, far);
+   beyond |= kick_at(LANE_OF, s, 1, 0.5, far);
 #endif
    return beyond | drift(LANE_OF, s, 0.5, far);
 }

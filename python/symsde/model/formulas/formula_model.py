@@ -415,9 +415,9 @@ def _decaying(code: Code) -> FormulaModel | None:
 
     They are a file of their own, since most models are closed and their compilation takes long.
     """
-    schemes = code.whole_steps if code.compiled else []
+    made = code.derivatives
+    schemes = emit_flow.flows(made, damped=True) if code.compiled and code.whole_steps else []
     if code.decaying is None and schemes:
-        made = code.derivatives
         compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
         addresses = {x: formula_code.address(compiled, f"formula_flow_{x}") for x in schemes}
         code.decaying = _root(code, {emit_flow.named(x, damped=True): place for x, place in addresses.items()})
@@ -429,13 +429,14 @@ def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> Formula
     functions = {**formula_code.functions(code.compiled), "accepts_null": True, "any_lanes": True}
     flows = code.whole_steps
     found = {emit_flow.named(x): formula_code.address(code.compiled, f"formula_flow_{x}") for x in flows}
-    found |= {x: found[other] for x, other in (emit_flow.same_steps(code.derivatives) if flows else {}).items()}
     for scheme in emit_chain_flow.flows(code.chain) if code.chain else []:
         names = [emit_flow.named(scheme, damped=x) for x in (False, True)]
         found |= dict.fromkeys(names, formula_code.address(code.compiled, f"formula_flow_{scheme}"))
     if code.kicks:
         kicks, schemes = code.kicks
         found |= {x: formula_code.address(kicks, f"formula_flow_{x}") for x in schemes}
+    same = emit_flow.same_steps(code.derivatives) if found and code.derivatives else {}
+    found |= {x: found[other] for x, other in same.items() if other in found}
     functions["flows"] = found | {**more}
     pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
     code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))
