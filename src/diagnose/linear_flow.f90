@@ -17,10 +17,11 @@
 !> exp(t F_0 + sum_k W_k F_k) solves the equation, and no intermediate steps are needed.
 module symsde_diagnose_linear_flow
    use symsde_base_kinds, only: wp
+   use symsde_base_matrices, only: exponential_less_one
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: linear_flow, new_linear_flow, exponential
+   public :: linear_flow, new_linear_flow
 
    integer, parameter :: largest = 64                        !! largest number of degrees of freedom, and of noises
    real(wp), parameter :: rounding = 64*epsilon(1.0_wp)
@@ -106,8 +107,8 @@ contains
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t0, t1
       integer, intent(in) :: j
-      real(wp) :: z(self%n), found(self%n), known(self%n), allowed
-      integer :: i
+      real(wp) :: z(self%n), found(self%n), known(self%n), allowed(self%n)
+      integer :: i, half
 
       do i = 1, self%n
          ! No two components are equal and none is zero, so that terms that are not linear in z show.
@@ -115,8 +116,10 @@ contains
       end do
       known = matmul(self%field(:self%n, :self%n, j), z)
       known = known + self%field(:self%n, self%n + 1, j)
-      ! Allow generously for rounding: nonlinear fields differ by far more.
-      allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
+      ! Allow generously for rounding, of velocities and of forces: nonlinear fields differ by far more.
+      half = self%n/2
+      allowed(:half) = 1.0e-10_wp*(maxval(abs(known(:half))) + maxval(abs(self%field(:half, :, j))))
+      allowed(half + 1:) = 1.0e-10_wp*(maxval(abs(known(half + 1:))) + maxval(abs(self%field(half + 1:self%n, :, j))))
       holds = .true.
       do i = 1, size(looked_at)
          call field_at(self, model, t0 + looked_at(i)*(t1 - t0), j, z, found)
@@ -147,14 +150,30 @@ contains
       if (allocated(model%damping%friction)) field(d + 1:) = field(d + 1:) - matmul(model%damping%friction, hp(1, :))
    end subroutine field_at
 
-   !> Whether a b = b a, up to rounding of the products.
+   !> Whether a b = b a, up to rounding of the products: in each block by the sizes of the blocks that it is made of,
+   !> since positions, momenta and the last column have different units.
    pure logical function commute(a, b)
       real(wp), intent(in) :: a(:, :), b(:, :)
-      real(wp), dimension(size(a, 1), size(a, 1)) :: ab, ba
+      real(wp), dimension(size(a, 1), size(a, 1)) :: ab, ba, allowed
+      real(wp), dimension(3, 3) :: of_a, of_b, of_both
+      integer :: last(0:3), i, j
 
+      last = [0, size(a, 1)/2, size(a, 1) - 1, size(a, 1)]
       ab = matmul(a, b)
       ba = matmul(b, a)
-      commute = all(abs(ab - ba) <= rounding*size(a, 1)*maxval(abs(a))*maxval(abs(b)))
+      do j = 1, 3
+         do i = 1, 3
+            of_a(i, j) = maxval(abs(a(last(i - 1) + 1:last(i), last(j - 1) + 1:last(j))))
+            of_b(i, j) = maxval(abs(b(last(i - 1) + 1:last(i), last(j - 1) + 1:last(j))))
+         end do
+      end do
+      of_both = matmul(of_a, of_b) + matmul(of_b, of_a)
+      do j = 1, 3
+         do i = 1, 3
+            allowed(last(i - 1) + 1:last(i), last(j - 1) + 1:last(j)) = of_both(i, j)
+         end do
+      end do
+      commute = all(abs(ab - ba) <= rounding*size(a, 1)*allowed)
    end function commute
 
    !> Replace z by the state after the time t, with W_k = w(k).
@@ -162,7 +181,7 @@ contains
       class(linear_flow), intent(in) :: self
       real(wp), intent(in) :: t, w(:)           !! (nnoise)
       real(wp), intent(inout) :: z(self%n)
-      real(wp), dimension(self%n + 1, self%n + 1) :: s, flow
+      real(wp), dimension(self%n + 1, self%n + 1) :: s, change
       real(wp) :: moved(self%n)
       integer :: k
 
@@ -171,39 +190,10 @@ contains
       do k = 1, size(w)
          s = s + w(k)*self%field(:, :, k)
       end do
-      flow = exponential(self%n + 1, s)
+      call exponential_less_one(self%n + 1, s, 1.0_wp, change)
       ! The flow acts on (z, 1): its last column holds the contribution of linear terms.
-      moved = matmul(flow(:self%n, :self%n), z)
-      z = moved + flow(:self%n, self%n + 1)
+      moved = matmul(change(:self%n, :self%n), z)
+      z = z + (moved + change(:self%n, self%n + 1))
    end subroutine solve
-
-   !> exp(s): Taylor series of s/2^k, of norm at most 1/2, squared k times; the first omitted term, 2^-16/16!, is below
-   !> 1e-18.
-   pure function exponential(n, s) result(e)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: s(n, n)
-      real(wp) :: e(n, n), part(n, n), one(n, n), product(n, n)
-      integer, parameter :: degree = 15
-      integer :: i, k
-
-      ! With the norm below 2^e, division by 2^(e+1) leaves less than 1/2, without rounding.
-      k = max(0, exponent(maxval(sum(abs(s), dim=1))) + 1)
-      part = scale(s, -k)
-      one = 0
-      do i = 1, n
-         one(i, i) = 1
-      end do
-      e = one
-      ! Sum the series by Horner's rule, 1 + s/1 (1 + s/2 (1 + .. )).
-      do i = degree, 1, -1
-         product = matmul(part, e)
-         e = one + product/i
-      end do
-      do i = 1, k
-         !   exp(s) = exp(s/2^k)^(2^k)
-         product = matmul(e, e)
-         e = product
-      end do
-   end function exponential
 
 end module symsde_diagnose_linear_flow

@@ -36,15 +36,19 @@ contains
       integer, intent(in) :: n, m                   !! components of z, and noises
       real(wp), intent(in) :: field(n + 1, n + 1, 0:m), h
       logical, intent(in) :: common(m)              !! noises that all paths share
-      real(wp) :: a(n, n), b(n, m), flow(n, n), c(n, n), scaling(n), change(n + 1, n + 1)
+      real(wp) :: a(n, n), b(n, m), flow(n, n), c(n, n), scaling(n), change(n + 1, n + 1), velocity
       integer :: i, k
 
       self%n = n
       call exponential_less_one(n + 1, field(:, :, 0), h, change)
       self%change = change(:n, :)
-      ! (q/h, p), so that the matrix of a step is small where the step is short
-      scaling(:n/2) = h
-      scaling(n/2 + 1:) = 1
+      ! (q/(h v), p) with v about the velocity of p = 1, so that the matrix of a step is small where the step is short
+      scaling = 1
+      do i = 1, n/2
+         velocity = maxval(abs(field(i, n/2 + 1:n, 0)))
+         if (velocity > 0) scaling(i) = scale(1.0_wp, exponent(velocity) - 1)
+         scaling(i) = h*scaling(i)
+      end do
       do i = 1, n
          a(:, i) = h*field(:n, i, 0)*scaling(i)/scaling
       end do

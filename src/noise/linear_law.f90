@@ -8,8 +8,10 @@
 !>    C(2t) = C(t) + exp(tA) C(t) exp(tA)^T
 !>
 !> which adds positive matrices and so loses no digits, neither for weak nor for strong damping (Van Loan's block
-!> exponential has the same sum in its corner, but beside growing blocks). Likewise int exp(uA) b_k u^r du, r = 0, 1, 2,
-!> which give the means of xi given dW, a = dZ/h - dW/2 and K, since these are the first three polynomials of Legendre:
+!> exponential has the same sum in its corner, but beside growing blocks). Nor do doublings of X = exp(tA) - 1,
+!> X <- 2 X + X X, in any units: a light mass makes A large and t short, where the decay of momenta in exp(tA) itself
+!> would be below rounding. Likewise int exp(uA) b_k u^r du, r = 0, 1, 2, which give the means of xi given dW,
+!> a = dZ/h - dW/2 and K, since these are the first three polynomials of Legendre:
 !>
 !>    xi = sum_k B_k (dW_k, sqrt 12 a_k, sqrt 720 K_k) + rest
 !>
@@ -47,10 +49,10 @@ contains
       do i = 1, n
          term(i, i) = 1
       end do
-      flow = 0
+      flow = 0  ! exp(tA) - 1 until the end
       v = 0
       do j = 0, nterm
-         flow = flow + term
+         if (j > 0) flow = flow + term
          call multiply(n, m, term, b, vector)
          do r = 0, 2
             v(:, :, r) = v(:, :, r) + (t**(r + 1)/(j + r + 1))*vector
@@ -73,19 +75,23 @@ contains
          do r = 0, 2
             call multiply(n, m, flow, v(:, :, r), moved(:, :, r))
          end do
+         moved = v + moved
          ! int_t^2t exp(uA) u^r du = exp(tA) int_0^t exp(uA) (u + t)^r du
          v(:, :, 2) = v(:, :, 2) + moved(:, :, 2) + (2*t)*moved(:, :, 1) + t**2*moved(:, :, 0)
          v(:, :, 1) = v(:, :, 1) + moved(:, :, 1) + t*moved(:, :, 0)
          v(:, :, 0) = v(:, :, 0) + moved(:, :, 0)
          call multiply(n, n, flow, c, term)
          do j = 1, n
-            other(:, j) = term(j, :)
+            other(:, j) = c(:, j) + term(j, :)
          end do
          call multiply(n, n, flow, other, term)
-         c = c + term
+         c = c + (other + term)
          call multiply(n, n, flow, flow, other)
-         flow = other
+         flow = 2*flow + other
          t = 2*t
+      end do
+      do i = 1, n
+         flow(i, i) = 1 + flow(i, i)
       end do
       !   dW = int dW,  a = int (u - 1/2) dW,  K = int (u^2 - u + 1/6)/2 dW, of variance 1, 1/12 and 1/720
       means(:, :, 1) = v(:, :, 0)

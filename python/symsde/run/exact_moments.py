@@ -11,6 +11,7 @@ which is one matrix exponential of (2 dof + 1)^2 rows. Damping is part of A.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -64,6 +65,10 @@ def exact_moments(
     if n > MOST[constant]:
         raise TooLargeError(f"model {model.name} has {n} degrees of freedom: its noise allows {MOST[constant]}")
     advance = _by_covariance if constant else _by_squares
+    unit = _units(fields, times[-1] - start)
+    fields = fields * unit / unit[:, np.newaxis]
+    unit = unit[:-1] / unit[-1]
+    mean, spread = mean / unit, spread / np.outer(unit, unit)
     means, spreads, at = [], [], start
     for time in times:
         if time > at:
@@ -71,7 +76,7 @@ def exact_moments(
         at = time
         means.append(mean)
         spreads.append(spread)
-    return ExactMoments(times, np.array(means), np.array(spreads))
+    return ExactMoments(times, np.array(means) * unit, np.array(spreads) * np.outer(unit, unit))
 
 
 def linear_field(model: Model, j: int, t: float) -> np.ndarray:
@@ -106,10 +111,34 @@ def _known_fields(model: Model, start: float, end: float) -> np.ndarray:
     if not model.traits.quadratic:
         raise IncompatibleError(f"model {model.name} is not quadratic: only linear equations have exact moments")
     fields = _fields(model, start)
-    room = 1e-10 * (1 + np.abs(fields).max())
-    if any(np.abs(_fields(model, start + x * (end - start)) - fields).max() > room for x in _LOOKED_AT):
+    room = 1e-10 * _sizes(fields)
+    if any((np.abs(_fields(model, start + x * (end - start)) - fields) > room).any() for x in _LOOKED_AT):
         raise IncompatibleError(f"the equations of model {model.name} change in time: exact moments need constant ones")
     return fields
+
+
+def _sizes(fields: np.ndarray) -> np.ndarray:
+    """The largest number beside each entry: of the same field, of velocities or forces, and of the same columns, since
+    all these differ in units."""
+    sizes, n = np.empty_like(fields), fields.shape[1] // 2
+    for rows, columns in itertools.product((slice(n), slice(n, 2 * n), slice(2 * n, None)), repeat=2):
+        sizes[:, rows, columns] = np.abs(fields[:, rows, columns]).max(axis=(1, 2), keepdims=True)
+    return sizes
+
+
+def _units(fields: np.ndarray, time: float) -> np.ndarray:
+    """Units of z and 1, powers of two in which no entry of the fields is large beside all others: far from one, as
+    masses of atoms are, entries would take more doublings than exponentials have digits."""
+    sizes = time * np.abs(fields[0]) + math.sqrt(time) * np.abs(fields[1:]).sum(axis=0)
+    np.fill_diagonal(sizes, 0)
+    unit = np.ones(len(sizes))
+    for i in [*range(len(sizes))] * 12:  # each time the square root of what is too large remains
+        row, column = (max(1.0, x.sum()) for x in (sizes[i], sizes[:, i]))
+        factor = 2.0 ** round(math.log2(row / column) / 2)
+        unit[i] *= factor
+        sizes[i] /= factor
+        sizes[:, i] *= factor
+    return unit
 
 
 def _by_covariance(fields: np.ndarray, time: float, mean: np.ndarray, spread: np.ndarray) -> tuple:
