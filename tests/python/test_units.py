@@ -132,3 +132,35 @@ def test_what_has_no_exact_solution(units):
     with pytest.raises(errors.IncompatibleError, match="change in time"):
         model = in_units((OSCILLATORS, ["0.3*Q1*cos(T)"], {}), units)
         ss.diagnose.exact_moments(model, q0=0.0, p0=0.0, t=units[2])
+
+
+def own_flows(units, gradient):
+    """Exact flows of sqrt(1 + P^2), and of Q^4/4 and 0.3 sin Q, and the gradient of all."""
+    length, momentum, time = units
+
+    def drift(t, tau, q, p):
+        return q + length * tau / time * (p / momentum) / np.sqrt(1 + (p / momentum) ** 2), p
+
+    def forces(w, q):
+        return momentum * (w[0] / time * (q / length) ** 3 + w[1] / np.sqrt(time) * 0.3 * np.cos(q / length))
+
+    def kick(t, w, q, p):
+        return q, p - forces(w, q)
+
+    def slopes(t, w, q, p):
+        return forces(w, q), w[0] * length / time * (p / momentum) / np.sqrt(1 + (p / momentum) ** 2)
+
+    return ss.Model(ndof=1, nnoise=1, drift=drift, kick=kick, gradient=slopes if gradient else None)
+
+
+@pytest.mark.parametrize("gradient", [False, True])
+@pytest.mark.parametrize("units", [*UNITS.values(), (2.0**-30, 2.0**-26, 2.0**-50), (2.0**10, 2.0**-10, 2.0**40)])
+def test_own_flows(units, gradient):
+    """No flow is refused for differences without digits, nor for those of steps that are long for its momenta."""
+
+    def run(units):
+        given = {"q0": 0.8 * units[0], "p0": 0.3 * units[1], "step": 0.1 * units[2], "steps": 8, "paths": 4, "seed": 1}
+        found = ss.simulate(own_flows(units, gradient), scheme="gauss_dkdkd", **given)
+        return states(found.q, found.p, units)
+
+    np.testing.assert_allclose(run(units), run(ONE), rtol=0, atol=1e-13)

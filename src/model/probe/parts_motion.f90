@@ -13,9 +13,12 @@ module symsde_model_probe_parts_motion
    use symsde_model_probe_points, only: nlane, npoint, largest_component
    implicit none
    private
-   public :: place_type, flow_type, scale_of, moves_by, move, size_of, derive, find_area, find_rate
+   public :: place_type, flow_type, scale_of, moves_by, move, size_of, derive, find_area, find_rate, &
+             rounding_of_rate
 
    real(wp), parameter :: wanted = 0.05_wp      !! motion, in sizes of the state
+   real(wp), parameter :: short = 2.0_wp**(-10) !! part of the time or weights over which a rate is found
+   real(wp), parameter :: rounding_of_rate = 16*epsilon(1.0_wp)/short   !! of a state of size one
 
    type :: place_type
       real(wp), allocatable :: q(:, :), p(:, :)   !! (nlane, ndof)
@@ -169,7 +172,7 @@ contains
       type(flow_type), intent(in) :: flow
       type(place_type), intent(in) :: z
       type(place_type), intent(out) :: x
-      real(wp), parameter :: e = 2.0_wp**(-10)
+      real(wp), parameter :: e = short
       type(place_type) :: a, b, c, d
 
       call move(flow, 2*e, z, a)
