@@ -3,9 +3,10 @@
 !>
 !> Whether noises change in time: compare their gradients at eight points and many times bit by bit, since a Hamiltonian
 !> that does not depend on time gives the same bits at all times. Points and times can prove that noises change, not
-!> that they do not: a change after 1e5 units of time, or one that is over between two of the tested times, is not
-!> noticed. Where parameters go by path, the noises of all paths are looked at, eight paths at a time, each at a point.
-!> A parameter that is zero counts as small: steps of a path must not depend on its neighbours, not by a last bit.
+!> that they do not: a change that is over between two of the tested times is not noticed. These are dense where times
+!> of most models are, and reach to where those of any unit may be. Where parameters go by path, the noises of all paths
+!> are looked at, eight paths at a time, each at a point. A parameter that is zero counts as small: steps of a path must
+!> not depend on its neighbours, not by a last bit.
 module symsde_model_probe_noise_time
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
@@ -15,8 +16,9 @@ module symsde_model_probe_noise_time
    private
    public :: noise_changes_in_time
 
-   real(wp), parameter :: earliest = 1.3e-3_wp, latest = 1e5_wp  !! first and last time of the test [time]
-   real(wp), parameter :: ratio = 1.618033988749895_wp           !! ratio of successive times; no period fits them all
+   real(wp), parameter :: earliest = 1.3e-30_wp, latest = 1e30_wp  !! first and last time of the test [time]
+   real(wp), parameter :: usual(2) = [1.3e-3_wp, 1e5_wp]           !! times that are tested densely
+   real(wp), parameter :: ratio = 1.618033988749895_wp             !! of successive times; no period fits them all
 
 contains
 
@@ -42,7 +44,7 @@ contains
       do i = 1, model%traits%nnoise
          w(:, i) = [(1 + 0.37_wp*sin(1.9_wp*i + l), l=1, lane_unit)]
       end do
-      if (model%traits%nnoise == 0) return
+      if (model%traits%nnoise == 0 .or. model%traits%autonomous) return
       call paths%begin(model, moves_zeros=.true.)
       do place = 0, paths%count - 1, lane_unit
          call paths%look_at(place, lane_unit)
@@ -64,12 +66,12 @@ contains
       changes = .false.
       call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
       later = earliest
-      ! Test about forty points in time, in geometric progression, since the model's unit of time is unknown.
+      ! About a hundred points in time, in geometric progression, since the model's unit of time is unknown.
       do while (later < latest)
          call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
          changes = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)
          if (changes) return
-         later = ratio*later
+         later = merge(ratio, ratio**4, later >= usual(1) .and. later < usual(2))*later
       end do
    end function changes
 
