@@ -10,7 +10,7 @@ from symsde import errors
 
 pytestmark = [
     pytest.mark.usefixtures("quick_compiler"),
-    pytest.mark.filterwarnings("ignore:noise of Lipschitz constant"),  # estimated in the units given
+    pytest.mark.filterwarnings("error:noise of Lipschitz constant"),  # which is small in all of these
 ]
 
 #: units of q, p and t: metres, seconds and kilograms for an atom; a heavy body; a small one with the mass one

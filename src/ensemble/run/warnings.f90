@@ -225,7 +225,8 @@ contains
    end subroutine find_largest_bounds
 
    !> Find the bounds: declared bounds, else row sums of Hessians at the initial state. Row sums of all noises are added
-   !> for each row, and the largest row counts: noises on different sites of a lattice do not add up. With more than
+   !> for each row, and the largest row counts: noises on different sites of a lattice do not add up. Rows of forces and
+   !> of velocities are measured in the unit of p/q in which those of H are equal. With more than
    !> most_noises noises there is no estimate. Where the scheme takes a quadratic part of H exactly, the frequency is
    !> that of the rest.
    subroutine find_bounds(model, scheme, nlane, t, q, p, bounds)
@@ -236,6 +237,7 @@ contains
       real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
       type(bounds_type), intent(out) :: bounds
       real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! sums of hqq, hqp, hpp; rows of q, p
+      real(wp) :: unit, force, velocity   ! of p/q; largest row sums of H
       integer :: k
       logical :: looked, by_part
 
@@ -255,12 +257,20 @@ contains
       if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
       bounds%lipschitz_source = 'estimated at the initial state'
       bounds%nnoise = 0
+      unit = 1
+      call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked)
+      if (looked) then
+         force = maxval(sums(:, 1))
+         velocity = maxval(sums(:, 3))
+         if (min(force, velocity) > 0) unit = sqrt(force)/sqrt(velocity)
+      end if
       rows = 0
       do k = 1, model%traits%nnoise
          call row_sums(model, nlane, size(sums, 1), t, k, q, p, sums, looked)
          if (.not. looked) return
          if (maxval(sums) > 0) bounds%nnoise = bounds%nnoise + 1
-         rows = rows + sums(:, 1:2) + sums(:, 2:3)
+         rows(:, 1) = rows(:, 1) + sums(:, 1)/unit + sums(:, 2)
+         rows(:, 2) = rows(:, 2) + sums(:, 3)*unit + sums(:, 2)
       end do
       bounds%lipschitz = maxval(rows)
    end subroutine find_bounds
