@@ -463,7 +463,8 @@ contains
          return
       end if
       instead = scheme%needs%instead
-      if (model%traits%kicks_of_actions) instead = 'gauss_dkdkd, or midpoint'
+      if (model%traits%kicks_of_actions .or. (allocated(model%traits%quadratic_part) .and. &
+                                              model%traits%position_noise)) instead = 'gauss_dkdkd, or midpoint'
       ! Schemes of brackets and of kicks refuse such models.
       if (model%traits%forces%act() .or. model%damping%acts()) instead = 'midpoint'
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &

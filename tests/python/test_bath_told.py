@@ -36,7 +36,7 @@ def test_reports_tell_both_temperatures(scheme):
     np.testing.assert_allclose(found, expected, rtol=0.03)  # errors have two digits
     np.testing.assert_allclose(found[::2], expected[::2], rtol=2e-4)
     assert run.report.temperature.endswith("positions and momenta stand at the same times, the ends of whole steps")
-    assert "temperature" in str(run.report)
+    assert "\ntemperature kinetic " in str(run.report)
     # the state that BAOAB, kicks and tableaux save is the one after the whole step: half a step more is another state
     other = ss.simulate(BATH, scheme=scheme, paths=400, **{**RUN, "steps": 31, "save_every": 31})
     assert numbers(other.report.temperature)[0] != numbers(run.report.temperature)[0]

@@ -97,6 +97,7 @@ def test_runs_and_observables():
         ("gamma(-2)*q", "gamma of a constant, which is not a finite real number"),
         ("loggamma(-0.5)*q", "loggamma of a constant, which is not a finite real number"),
         ("bessely(0, 0)*q", "a constant that is not a finite real number"),
+        ("sum(q)", r"calls sum: sums over sites are written Sum\(formula, i\), beside n"),
         ("airyai(q)", "calls airyai, which is no function here"),
         (sp.airyai(sp.Symbol("q")), "airyai in a formula has no derivative everywhere, or no code here"),
         ("besselk(0, 0)*q", "besselk of constants, which is not a finite real number"),

@@ -160,6 +160,8 @@ def test_what_is_refused():
         ss.simulate(magnet.model(split=FRAME), scheme="gauss_dkdkd", **given)
     with pytest.raises(errors.IncompatibleError, match=r"quadratic D \(split\)"):
         ss.simulate(magnet.model(split=None), scheme="gauss_dkdkd", **given)
+    with pytest.raises(errors.IncompatibleError, match="use gauss_dkdkd, or midpoint"):
+        ss.simulate(magnet.model(), scheme="exact_rotation", **given)
     with pytest.raises(errors.WrongShapeError, match="split has shape"):
         magnet.model(split=np.eye(2))
     with pytest.raises(errors.InvalidArgumentError, match="not symmetric"):

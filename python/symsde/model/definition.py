@@ -250,7 +250,7 @@ class Model(OpenSystem):
                 f"parameters of model {self.name!r} cannot be changed: make it again, from a model with other values"
             )
         for name in values:
-            checks.choice("the parameter", name, list(self._parameters))
+            checks.choice("parameter", name, list(self._parameters))
         self._require_own_friction()
         made = Model.builtin(self.name, {**self._parameters, **values})
         if self._forces:

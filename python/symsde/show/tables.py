@@ -45,7 +45,7 @@ def aligned(rows: Rows, widths: Sequence[int], gap: str = " ") -> str:
 
 def facts(lines: Iterable[tuple[str, str]], width: int = 11) -> str:
     """A line for each fact, after its name, which is padded to `width` characters."""
-    return aligned(lines, (-width, 0), "")
+    return aligned(((f"{name:<{width - 1}} ", text) for name, text in lines), (0, 0), "")
 
 
 def terminal(head: Sequence[str], rows: Iterable[Sequence[str] | str], numbers: Sequence[int] = ()) -> str:

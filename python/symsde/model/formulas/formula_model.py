@@ -237,7 +237,12 @@ class FormulaModel(Model):
             raise UnknownNameError(
                 f"there is no parameter {checks.shown(name)}: the formulas have none ({self._quoted()})"
             )
-        return known[checks.choice("the parameter", folded(name), known)]
+        if name in {"beta", "gamma"} - set(known):
+            raise UnknownNameError(
+                f"there is no parameter {name!r}: there are {', '.join(known)}; where {name} is that of a heat bath, give a "
+                f"function that makes the bath, as lambda {name}: ss.thermostat(model, {name}={name}, ..)"
+            )
+        return known[checks.choice("parameter", folded(name), known)]
 
 
 @checks.hinted(

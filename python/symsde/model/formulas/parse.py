@@ -241,6 +241,10 @@ class Reader:
             return self._cases(node, depth)
         if name in _SEVERAL:
             return self._of_several(name, node, depth)
+        if name.lower() == "sum":
+            raise FormulaTextError(
+                f"it calls {name}: sums over sites are written Sum(formula, i), beside n, the number of sites"
+            )
         if name not in _ONE:
             raise FormulaTextError(
                 f"it calls {name}, which is no function here: there are {checks.nearest(name, _ALL)}"
@@ -329,7 +333,8 @@ def _what(node: ast.AST) -> str:
     """Describe a kind of node."""
     words = {
         ast.Attribute: "a dot between names",
-        ast.Subscript: "an index in brackets (chains are written with n, the number of sites)",
+        ast.Subscript: "an index in brackets, which sums over sites have, as Sum(q[i]**2, i) beside n, the number of sites (a single "
+        "coordinate is q_1 in observables, and q1 where a few are given)",
         ast.Compare: "a comparison",
         ast.Lambda: "a lambda",
         ast.UnaryOp: "~ or not",
