@@ -41,7 +41,7 @@ module symsde_base_traits
       logical :: constant_mass = .false.   !! H = p.M^-1 p/2 + U(q), M constant; identity_mass is stronger
       logical, allocatable :: silent(:)    !! noises whose H_k vanishes: nothing is drawn for them (nnoise)
       logical :: diagonal_mass = .false.   !! the constant M is diagonal
-      type(noise_supports) :: touches      !! degrees of freedom that each noise touches
+      type(noise_supports) :: touches = noise_supports() !! degrees of freedom that each noise touches
       integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
       logical :: has_gradient = .true.     !! gradients can be evaluated, or flows of two parts are all that is given
@@ -72,7 +72,7 @@ module symsde_base_traits
       !> Of a model whose further positions are parameters theta_k: dS/dtheta_k of the quadratic part, and derivatives
       !> of omega_i^2 of the stiff linear part, of the model without them (2 ndof, 2 ndof, k), (ndof, k).
       real(wp), allocatable :: quadratic_slopes(:, :, :), rotation_slopes(:, :)
-      type(force_traits) :: forces
+      type(force_traits) :: forces = force_traits()
    contains
       procedure :: correction_vanishes
       procedure :: noise_is_constant
