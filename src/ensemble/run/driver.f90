@@ -49,7 +49,7 @@ module symsde_ensemble_run_driver
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
 
-   integer, parameter :: chain_lanes = 32, longest_chain = 4096
+   integer, parameter :: chain_lanes = 32, long_chain = 64, longest_chain = 4096
 
    !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven any number of
    !> times. A drive leaves only the counters of the report for the next.
@@ -68,9 +68,9 @@ module symsde_ensemble_run_driver
 contains
 
    !> The number of lanes of a block: as the user chooses, else by the size of the system and the number of paths.
-   !> Chains of up to 4096 masses get at least 32 lanes if there are so many paths: with 8 lanes a row, each lane costs
-   !> twice as much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache. With dense matrices
-   !> 32 lanes would take too much memory.
+   !> Chains of 64 to 4096 masses get 32 lanes if there are so many paths: with 8 lanes a row, each lane costs twice as
+   !> much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache, and with 64 lanes increments of
+   !> fewer steps stay near. With dense matrices 32 lanes would take too much memory.
    pure integer function choose_nlane(options, model)
       type(run_options), intent(in) :: options
       class(model_type), intent(in) :: model
@@ -79,8 +79,8 @@ contains
       if (choose_nlane /= 0) return
       associate (n => model%traits%ndof, b => model%traits%bandwidth)
          choose_nlane = lanes_for(n, options%npath)
-         if (b >= 0 .and. 4*b < n .and. n <= longest_chain) &
-            choose_nlane = max(choose_nlane, padded(int(min(int(chain_lanes, i8), max(options%npath, 1_i8)))))
+         if (b >= 0 .and. 4*b < n .and. n >= long_chain .and. n <= longest_chain) &
+            choose_nlane = padded(int(min(int(chain_lanes, i8), max(options%npath, 1_i8))))
       end associate
    end function choose_nlane
 

@@ -93,6 +93,7 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, n, steps%nstep/steps%every), pn(steps%nlane, n, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer, dimension(:, :, :) :: w, dz, k
+      real(wp), dimension(min(strip, steps%nlane)*(n + 2)) :: x, f, g, s, y, v, u  !! room of a strip
       type(kick_plan) :: plan
       integer :: first
 
@@ -104,10 +105,10 @@ contains
       if (associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
       if (associated(steps%of(path_stt_area)%x)) k => steps%of(path_stt_area)%x
       if (steps%nlane == 1) then
-         call pass(plan, beta, steps, 1, 1, n, w, dz, k, q, p, qn, pn)
+         call pass(plan, beta, steps, 1, 1, n, w, dz, k, q, p, qn, pn, x, f, g, s, y, v, u)
       else
          do first = 1, steps%nlane, strip
-            call pass(plan, beta, steps, strip, first, n, w, dz, k, q, p, qn, pn)
+            call pass(plan, beta, steps, strip, first, n, w, dz, k, q, p, qn, pn, x, f, g, s, y, v, u)
          end do
       end if
       counters%gradients = counters%gradients + plan%ngradient*steps%nstep*steps%nreal
@@ -154,25 +155,26 @@ contains
    end subroutine complete
 
    !> All steps of the lanes first .. first + l - 1; l is strip or 1.
-   subroutine pass(plan, beta, steps, l, first, n, w, dz, k, q, p, qn, pn)
+   subroutine pass(plan, beta, steps, l, first, n, w, dz, k, q, p, qn, pn, x, f, g, s, y, v, u)
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in) :: beta
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: l, first, n
-      real(wp), intent(in), target :: w(steps%nlane, 0:n, steps%nstep)
+      real(wp), intent(in) :: w(steps%nlane, 0:n, steps%nstep)
       real(wp), intent(in), dimension(steps%nlane, n, steps%nstep) :: dz, k
       real(wp), intent(in), dimension(steps%nlane, n) :: q, p
       real(wp), intent(inout), dimension(steps%nlane, n, steps%nstep/steps%every) :: qn, pn
-      real(wp) :: x(l, 0:n + 1)                    !! positions, with the ends at rest
-      real(wp) :: f(l, 0:n), g(l, 0:n + 1)         !! forces of springs; V_q, zero at the ends
-      real(wp) :: s(l, 0:n)                        !! stiffness of springs
-      real(wp) :: y(l, n)                          !! momenta
-      real(wp), target :: v(l*n), u(l*n)           !! noises of a kick and of the next one at its place
-      real(wp), pointer, contiguous :: noise(:), other(:)
-      real(wp) :: a, b                             !! factors of these noises
-      integer :: step, i, next
+      real(wp), intent(out) :: x(l, 0:n + 1)                   !! positions, with the ends at rest
+      real(wp), intent(out) :: f(l, 0:n), g(l, 0:n + 1)        !! forces of springs; V_q, zero at the ends
+      real(wp), intent(out) :: s(l, 0:n)                       !! stiffness of springs
+      real(wp), intent(out) :: y(l, n)                         !! momenta
+      real(wp), intent(out) :: v(l*n), u(l*n)                  !! noises of a kick and of the next one at its place
+      real(wp) :: b(3)
+      integer :: step, i, next, rows
       logical :: joined, kicked
 
+      rows = merge(1, n, l == steps%nlane)  ! of increments: rows of all lanes are adjacent, and make one
+      b = plan%b*steps%h
       x(:, 0) = 0
       x(:, n + 1) = 0
       x(:, 1:n) = q(first:first + l - 1, :)
@@ -192,19 +194,28 @@ contains
             joined = plan%joins .and. i == plan%nkick .and. mod(step, steps%every) /= 0
             next = merge(1, i, joined)
             call find_forces(l, l*n, beta, x, f)
-            call weigh(i, step, v, noise, a)
             if (i == 2 .and. abs(plan%kappa) > 0) then
                call blend_rows(l, n, steps%nlane, plan%nfunctional, plan%inner, w(first, 1, step), dz(first, 1, step), &
                                k(first, 1, step), g(1, 1))
                call kick_by_gradient(l, l*n, beta, steps%h, 2*plan%kappa*steps%h**2, x, f, s, g, y)
             end if
-            if (joined) then
-               call weigh(1, step + 1, u, other, b)
-               call kicks_and_drift(l, l*n, plan%b(i)*steps%h, plan%b(1)*steps%h, plan%reach(1), f, a, noise, &
-                                    b, other, y, x(1, 1))
-            else
-               call kick_and_drift(l, l*n, plan%b(i)*steps%h, plan%reach(i), f, a, noise, y, x(1, 1))
-            end if
+            associate (reach => plan%reach(next), by => plan%by(1, :))
+               if (plan%nfunctional > 0) then
+                  call weigh(i, step, v)
+                  if (joined) call weigh(1, step + 1, u)
+                  if (joined) then
+                     call kicks_and_drift(l, l*n, 1, l*n, b(i), b(1), reach, f, 1.0_wp, v, 1.0_wp, u, y, x(1, 1))
+                  else
+                     call kick_and_drift(l, l*n, 1, l*n, b(i), reach, f, 1.0_wp, v, y, x(1, 1))
+                  end if
+               else if (joined) then
+                  call kicks_and_drift(l, l*n/rows, rows, steps%nlane*n/rows, b(i), b(1), reach, f, by(i), &
+                                       w(first, 1, step), by(1), w(first, 1, step + 1), y, x(1, 1))
+               else
+                  call kick_and_drift(l, l*n/rows, rows, steps%nlane*n/rows, b(i), reach, f, by(i), w(first, 1, step), &
+                                      y, x(1, 1))
+               end if
+            end associate
             if (abs(plan%loss(next)) > 0) call lose(l*n, plan%loss(next), y)
          end do
          if (mod(step, steps%every) == 0) then
@@ -215,23 +226,13 @@ contains
 
    contains
 
-      !> The noise of kick i of a step, factor times noise: increments as they are, if no functional is added to them
-      !> and their rows are adjacent, otherwise sums in v.
-      subroutine weigh(i, step, v, noise, factor)
+      !> The noise of kick i of a step: sums of increments and functionals.
+      subroutine weigh(i, step, v)
          integer, intent(in) :: i, step
-         real(wp), intent(out), target :: v(l*n)
-         real(wp), pointer, contiguous, intent(out) :: noise(:)
-         real(wp), intent(out) :: factor
+         real(wp), intent(out) :: v(l*n)
 
-         if (l == steps%nlane .and. plan%nfunctional == 0) then
-            noise(1:l*n) => w(:, 1:n, step)
-            factor = plan%by(1, i)
-         else
-            call blend_rows(l, n, steps%nlane, plan%nfunctional, plan%by(:, i), w(first, 1, step), &
-                            dz(first, 1, step), k(first, 1, step), v)
-            noise => v
-            factor = 1
-         end if
+         call blend_rows(l, n, steps%nlane, plan%nfunctional, plan%by(:, i), w(first, 1, step), dz(first, 1, step), &
+                         k(first, 1, step), v)
       end subroutine weigh
 
    end subroutine pass
@@ -293,33 +294,65 @@ contains
       end select
    end subroutine blend
 
-   !> VEC y = y - (b U_q - a v), and then x = x + reach y.
-   pure subroutine kick_and_drift(l, m, b, reach, f, a, v, y, x)
-      integer, intent(in) :: l, m
-      real(wp), intent(in) :: b, reach, f(1 - l:m), a, v(m)
-      real(wp), intent(inout) :: y(m), x(m)
-      integer :: j
+   !> VEC y = y - (b U_q - a v), and then x = x + reach y. Rows of y are adjacent in memory; those of v may be a row of
+   !> all lanes apart, of which a strip is taken: then n > 1.
+   pure subroutine kick_and_drift(l, m, n, apart, b, reach, f, a, v, y, x)
+      integer, intent(in) :: l, m, n, apart   !! lanes of x, numbers in a row, rows
+      real(wp), intent(in) :: b, reach, f(1 - l:m*n), a, v((n - 1)*apart + m)
+      real(wp), intent(inout) :: y(m*n), x(m*n)
+      integer :: i, j, at
 
-      do j = 1, m
-         y(j) = y(j) - (b*(f(j - l) - f(j)) - (a*v(j)))
-         x(j) = x(j) + reach*y(j)
-      end do
+      if (n == 1) then
+         do j = 1, m
+            call kick(b, f(j - l) - f(j), a, v(j), y(j))
+            x(j) = x(j) + reach*y(j)
+         end do
+      else
+         do i = 1, n
+            !GCC$ unroll 8
+            do j = 1, strip
+               at = (i - 1)*strip + j
+               call kick(b, f(at - l) - f(at), a, v((i - 1)*apart + j), y(at))
+               x(at) = x(at) + reach*y(at)
+            end do
+         end do
+      end if
    end subroutine kick_and_drift
 
    !> VEC The same with two kicks, one after the other.
-   pure subroutine kicks_and_drift(l, m, b1, b2, reach, f, a1, v1, a2, v2, y, x)
-      integer, intent(in) :: l, m
-      real(wp), intent(in) :: b1, b2, reach, f(1 - l:m), a1, v1(m), a2, v2(m)
-      real(wp), intent(inout) :: y(m), x(m)
-      real(wp) :: slope
-      integer :: j
+   pure subroutine kicks_and_drift(l, m, n, apart, b1, b2, reach, f, a1, v1, a2, v2, y, x)
+      integer, intent(in) :: l, m, n, apart
+      real(wp), intent(in) :: b1, b2, reach, f(1 - l:m*n), a1, a2
+      real(wp), intent(in), dimension((n - 1)*apart + m) :: v1, v2
+      real(wp), intent(inout) :: y(m*n), x(m*n)
+      integer :: i, j, at
 
-      do j = 1, m
-         slope = f(j - l) - f(j)
-         y(j) = (y(j) - (b1*slope - (a1*v1(j)))) - (b2*slope - (a2*v2(j)))
-         x(j) = x(j) + reach*y(j)
-      end do
+      if (n == 1) then
+         do j = 1, m
+            call kick(b1, f(j - l) - f(j), a1, v1(j), y(j))
+            call kick(b2, f(j - l) - f(j), a2, v2(j), y(j))
+            x(j) = x(j) + reach*y(j)
+         end do
+      else
+         do i = 1, n
+            !GCC$ unroll 8
+            do j = 1, strip
+               at = (i - 1)*strip + j
+               call kick(b1, f(at - l) - f(at), a1, v1((i - 1)*apart + j), y(at))
+               call kick(b2, f(at - l) - f(at), a2, v2((i - 1)*apart + j), y(at))
+               x(at) = x(at) + reach*y(at)
+            end do
+         end do
+      end if
    end subroutine kicks_and_drift
+
+   !> y = y - (b slope - a v)
+   pure subroutine kick(b, slope, a, v, y)
+      real(wp), intent(in) :: b, slope, a, v
+      real(wp), intent(inout) :: y
+
+      y = y - (b*slope - (a*v))
+   end subroutine kick
 
    !> VEC y = y - factor U_qq V_q with V_q = h U_q - g; g is zero behind both ends. On return it is V_q.
    pure subroutine kick_by_gradient(l, m, beta, h, factor, x, f, s, g, y)
