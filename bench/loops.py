@@ -36,8 +36,10 @@ def loop(scene, scheme, keep="nothing"):
 
 
 def loop_of_increments(scene, scheme):
-    """A loop of one degree of freedom that reads its increments, run(dw, q0, p0, step), dw[path, step, noise]."""
+    """A loop that reads its increments, run(dw, q0, p0, step), dw[path, step, noise]."""
     s = scene.functions(compiled=_inlined)
+    if scene.ndof > 1 or scheme == "gauss2":
+        return _of_given_arrays(s, scene.ndof, scheme)
     makers = {"stormer_verlet": _verlet, "midpoint": _linear_midpoint if s.linear else _midpoint}
     step_of = makers[scheme](s)
 
@@ -52,6 +54,27 @@ def loop_of_increments(scene, scheme):
                     w[k + 1] = dw[path, i, k]
                 q, p = step_of(w, i * step, q, p)
             total += q
+        return total
+
+    return run
+
+
+def _of_given_arrays(s, n, scheme):
+    a = TABLEAUX.get(scheme)
+    step_of, stages = (_collocation(s, n, a), len(a[2])) if a else (_kick_drift(s, n, half=True), 1)
+
+    @numba.njit
+    def run(dw, q0, p0, step):
+        q, p, w, total = np.empty(n), np.empty(n), np.empty(dw.shape[2] + 1), 0.0
+        x, f = np.empty((stages, n)), np.empty((stages, n))
+        w[0] = step
+        for path in range(dw.shape[0]):
+            q[:], p[:] = q0, p0
+            for i in range(dw.shape[1]):
+                for k in range(dw.shape[2]):
+                    w[k + 1] = dw[path, i, k]
+                step_of(w, i * step, q, p, x, f)
+            total += q[0]
         return total
 
     return run

@@ -163,7 +163,7 @@ def large_runs() -> dict[str, list[float]]:
             given["increments"] = np.full((steps, 1, 4096), 0.01)  # touches its pages before the run
         how = {"step": 0.02, "paths": 4096, "threads": 1, "steps": steps, **given}
         growth, run = grown(lambda how=how: ss.simulate(MODEL, q0=1.0, p0=0.0, **how))
-        size = run.q.nbytes + run.p.nbytes + (run.setup.increments.nbytes if given else 0)  # bytes of its arrays
+        size = run.q.nbytes + run.p.nbytes
         found[name] = [size / 2**20, growth / size]
         del run
     return found
