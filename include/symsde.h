@@ -467,6 +467,9 @@ typedef struct symsde_input {
    void *progress_user;
    symsde_warn warn; /* may be NULL; symsde_run_new calls it, too */
    void *warn_user;
+   /* numbers from one row, noise and path to the next, [3], 0 or more: increments in another order of memory, or part of
+    * a larger array; NULL = those of the array above. Runs read each number once, a block of paths at a time */
+   const int64_t *increment_strides;
 } symsde_input;
 int symsde_input_init(symsde_input *input);
 typedef struct symsde_report {

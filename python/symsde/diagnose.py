@@ -17,7 +17,7 @@ from .native.checks import address
 from .native.progress import Monitor
 from .run.bath_law import BathLaw, bath_law
 from .run.exact_moments import ExactMoments, exact_moments
-from .run.setup import Setup, increments_array, make_options, make_setup
+from .run.setup import Setup, increments_array, make_options, make_setup, unchanged
 from .run.simulate import Run
 from .run.step import increments_at, of_options
 from .run.tangent import take_vectors
@@ -170,7 +170,7 @@ def _prescribed(increments: object, shape: tuple[int, int, int]) -> np.ndarray |
     """Given increments, with one column for each path."""
     if increments is None:
         return None
-    array = increments_array(increments, kept=False)
+    array = increments_array(increments)
     if array.shape[:2] != shape[:2] or array.shape[2] not in {1, shape[2]}:
         raise WrongShapeError(f"increments has shape {array.shape}: give {shape}, or one path for all")
     return checks.full(array, shape[2])
@@ -204,6 +204,8 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
     q, p = np.empty(shape), np.empty(shape)
+    if setup.increments is not None:
+        unchanged(setup.increments)
     arrays = (ctypes.byref(setup.input()), address(q), address(p))
     _call("exact_solution", setup.model, setup.scheme, setup.options, *arrays)
     return q, p
@@ -215,7 +217,7 @@ def driving_increments(run: Run) -> np.ndarray:
     setup = _setup_of(run)
     if setup.increments is None:
         return of_options(setup.model, setup.options, setup.scheme)
-    dw = setup.increments
+    dw = np.asarray(unchanged(setup.increments))
     for _ in range(setup.options.refine):
         dw = dw[0::2] + dw[1::2]  # summed in the order of the library's balanced tree
     if setup.options.truncation != 0:

@@ -88,7 +88,8 @@ contains
       type(run_options) :: o
       type(run_input) :: from
       type(callback_monitor) :: monitor
-      real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :)
+      real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :), dw(:, :, :)
+      real(wp), allocatable, target :: ordered(:, :, :)
       integer(i8) :: n, ntime
 
       call read_run(model, scheme, options, own, m, s, o, refusal, monitor)
@@ -103,7 +104,12 @@ contains
       if (.not. allocated(refusal)) then
          call view(q, o%npath, n, ntime, qs)
          call view(p, o%npath, n, ntime, ps)
-         call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, from%dw, s, monitor)
+         nullify (dw)
+         if (from%dw%exist()) then
+            call from%dw%in_order(ordered)
+            dw => ordered
+         end if
+         call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, dw, s, monitor)
       end if
       status = end_diagnosis(refusal, m, error)
    end function symsde_exact_solution

@@ -5,11 +5,13 @@ module symsde_capi_input
       c_associated, c_funptr, c_int, c_int64_t, c_loc, &
       c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type
+   use symsde_base_status, only: error_type, raise, invalid_argument, too_large
+   use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: require, init_struct, check_sizes, take_struct
    use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    use symsde_ensemble_block_initial_state, only: initial_state
+   use symsde_noise_given, only: given_increments
    implicit none
    private
    public :: run_input, read_input, begin_at, read_drive, symsde_input_init
@@ -26,13 +28,14 @@ module symsde_capi_input
       type(c_ptr) :: progress_user = c_null_ptr
       type(c_funptr) :: warn = c_null_funptr
       type(c_ptr) :: warn_user = c_null_ptr
+      type(c_ptr) :: increment_strides = c_null_ptr
    end type c_input
 
    !> The caller's arrays, path index first. An array that the caller left out is not associated, so that it counts as
    !> absent when passed as an optional argument.
    type :: run_input
       real(wp), pointer, contiguous :: q0(:, :) => null(), p0(:, :) => null()          !! (npath or 1, ndof)
-      real(wp), pointer, contiguous :: dw(:, :, :) => null()                           !! (npath or 1, nnoise, rows)
+      type(given_increments) :: dw                                                     !! (npath or 1, nnoise, rows)
       real(wp), pointer, contiguous :: q0_low(:, :) => null(), p0_low(:, :) => null()  !! (npath, ndof)
       type(callback_monitor) :: monitor
    end type run_input
@@ -105,7 +108,40 @@ contains
       if (.not. c_associated(copy%increments)) return
       call check_sizes(copy%increment_rows, copy%increment_noises, copy%increment_paths, 'increments', error)
       if (allocated(error)) return
-      call view(copy%increments, copy%increment_paths, copy%increment_noises, copy%increment_rows, input%dw)
+      associate (extent => input%dw%extent)
+         extent(1) = copy%increment_paths
+         extent(2) = copy%increment_noises
+         extent(3) = copy%increment_rows
+         call take_strides(copy%increment_strides, extent, input%dw%stride, error)
+         if (allocated(error)) return
+         call view(copy%increments, merge(1 + sum((extent - 1)*input%dw%stride), 0_i8, all(extent > 0)), input%dw%x)
+      end associate
    end subroutine view_drive
+
+   !> The strides of paths, noises and rows: as the caller gives them, [row, noise, path], else those of an array in
+   !> order. Errors: invalid_argument.
+   subroutine take_strides(given, extent, stride, error)
+      type(c_ptr), intent(in) :: given
+      integer(i8), intent(in) :: extent(3)
+      integer(i8), intent(out) :: stride(3)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8), pointer, contiguous :: strides(:)
+
+      stride(1) = 1
+      stride(2) = extent(1)
+      stride(3) = extent(1)*extent(2)
+      if (.not. c_associated(given)) return
+      call view(given, 3_i8, strides)
+      stride = strides(3:1:-1)
+      if (any(stride < 0)) then
+         call raise(error, invalid_argument, 'symsde_input', 'increment_strides = ['//to_text(strides(1))//', '// &
+                    to_text(strides(2))//', '//to_text(strides(3))//'] holds a negative number: give the numbers '// &
+                    'between rows, noises and paths, 0 or more')
+      else if (any(real(extent - 1, wp)*stride > 2.0_wp**60)) then
+         call raise(error, too_large, 'symsde_input', 'increment_strides = ['//to_text(strides(1))//', '// &
+                    to_text(strides(2))//', '//to_text(strides(3))//'] reach beyond any memory: give the numbers '// &
+                    'between rows, noises and paths')
+      end if
+   end subroutine take_strides
 
 end module symsde_capi_input

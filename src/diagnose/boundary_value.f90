@@ -29,12 +29,13 @@ module symsde_diagnose_boundary_value
    use symsde_diagnose_action_system, only: action_system, new_action_system
    use symsde_diagnose_contract, only: require_paths
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lagrangian_numbers
-   use symsde_ensemble_run_driver, only: new_noise
+   use symsde_ensemble_run_driver, only: new_noise, refuse_not_finite
    use symsde_ensemble_run_increments, only: collect_increments
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_run_memory, only: noise_numbers
    use symsde_model_abstract, only: model_type
+   use symsde_noise_given, only: given_increments, increments_of
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_banded_pivoting, only: banded_factors, new_banded_factors, factor_columns
@@ -89,11 +90,11 @@ contains
       real(wp), allocatable :: w(:, :, :)
       real(wp) :: lost
       real(wp), pointer, dimension(:, :, :) :: given_q, given_p  !! the guesses, or null
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(given_increments) :: given
       integer :: first, nreal, info
 
-      nullify (given, given_q, given_p)
-      if (present(dw)) given => dw
+      nullify (given_q, given_p)
+      if (present(dw)) given = increments_of(dw)
       if (present(guess_q)) given_q => guess_q
       if (present(guess_p)) given_p => guess_p
       ! Pointers replace the optional arrays: null means absent in the procedures below.
@@ -114,6 +115,7 @@ contains
       call judge_memory(model, scheme, options, error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
       if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, given, scheme)
+      call refuse_not_finite(given, options, error)
       if (allocated(error)) return
       call new_action_system(system, lagrangian, int(options%nstep), &
                              options%t0 + real(options%first_step, wp)*options%step, options%step, error)

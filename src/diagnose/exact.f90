@@ -39,7 +39,7 @@ module symsde_diagnose_exact
    use symsde_base_text, only: to_text
    use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
    use symsde_diagnose_linear_steps, only: linear_steps, new_linear_steps
-   use symsde_ensemble_run_driver, only: new_noise
+   use symsde_ensemble_run_driver, only: new_noise, refuse_not_finite
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, noise_path, check_options, saved_count
    use symsde_model_abstract, only: model_type
@@ -47,6 +47,7 @@ module symsde_diagnose_exact
    use symsde_model_catalogue_kubo, only: kubo_model
    use symsde_model_catalogue_linear_oscillator, only: linear_oscillator_model
    use symsde_noise_brownian, only: max_refine
+   use symsde_noise_given, only: given_increments, increments_of
    use symsde_noise_integral_draws, only: shape_draws
    use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws
    use symsde_noise_source, only: noise_type
@@ -97,13 +98,12 @@ contains
       type(oscillator) :: system
       type(exact_block) :: work
       type(run_options) :: fine
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(given_increments) :: given
       real(wp) :: lost
       integer(i8) :: n, done
 
       if (allocated(error)) return
-      nullify (given)
-      if (present(dw)) given => dw
+      if (present(dw)) given = increments_of(dw)
       call check_options(options, error)
       if (.not. allocated(error)) call recognise(model, options, system, error)
       if (.not. allocated(error)) call check_shapes(model%traits%ndof, options, q0, p0, q, p, error)
@@ -111,6 +111,7 @@ contains
       fine = finest(options)
       ! Draw with the generator of the run for the same paths and steps, which gives the same increments.
       call new_noise(noise, model, fine, lost, error, given)
+      call refuse_not_finite(given, fine, error)
       if (present(scheme)) call ask_for(scheme, model, options%damping_noise, noise, error)
       if (allocated(error)) return
       ! From here on `step` is the step of the draws.

@@ -17,6 +17,7 @@ module symsde_diagnose_gradients
    use symsde_ensemble_run_report, only: run_report
    use symsde_ensemble_run_simulate, only: begin_at
    use symsde_model_abstract, only: model_type
+   use symsde_noise_given, only: given_increments, increments_of
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -63,17 +64,19 @@ contains
       class(model_type), pointer :: wider
       real(wp), allocatable :: theta(:, :), u(:, :)
       type(initial_state) :: from
+      type(given_increments) :: given
       integer :: n
 
       call begin(model, options, q0, p0, from, wider, theta, error, wide, parameters)
       if (allocated(error)) return
+      if (present(dw)) given = increments_of(dw)
       n = model%traits%ndof
       associate (npath => options%npath)
          allocate (result%value(npath), result%by_p(npath, n), result%status(npath), result%failed_step(npath))
          allocate (u(npath, n + size(theta, 2)))
       end associate
       call path_gradient(model, wider, scheme, options, from, theta, f, result%value, u, result%by_p, result%status, &
-                         result%failed_step, result%report, error, dw, monitor)
+                         result%failed_step, result%report, error, given, monitor)
       result%by_q = u(:, :n)
       result%by_parameter = u(:, n + 1:)
    end subroutine path_gradients
@@ -93,10 +96,12 @@ contains
       class(model_type), pointer :: wider
       real(wp), allocatable :: theta(:, :), v(:, :, :), logs(:, :)
       type(initial_state) :: from
+      type(given_increments) :: given
       integer :: i, n
 
       call begin(model, options, q0, p0, from, wider, theta, error, wide, parameters)
       if (allocated(error)) return
+      if (present(dw)) given = increments_of(dw)
       n = model%traits%ndof
       associate (npath => options%npath, m => 2*n + size(theta, 2))
          allocate (result%q(npath, n), result%p(npath, n), result%status(npath), result%failed_step(npath))
@@ -107,7 +112,7 @@ contains
          v(:, i, i) = 1
       end do
       call path_tangent(model, wider, scheme, options, from, theta, 0_i8, v, logs, result%q, result%p, result%status, &
-                        result%failed_step, result%report, error, dw, monitor)
+                        result%failed_step, result%report, error, given, monitor)
       result%matrix = v(:, :, :2*n)
       result%by_parameter = v(:, :, 2*n + 1:)
    end subroutine path_tangents

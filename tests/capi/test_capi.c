@@ -50,7 +50,7 @@ static void test_inits(void) {
    CHECK(options.damping_noise == SYMSDE_DAMPING_NOISE_LAW);
    CHECK(options.compensated == 0 && options.lanes == 0 && options.threads == 0 && options.refine == 0);
    CHECK(symsde_input_init(&input) == 0 && input.struct_size == sizeof input);
-   CHECK(input.q0 == NULL && input.q0_paths == 1 && input.increments == NULL && input.progress == NULL);
+   CHECK(input.q0 == NULL && input.q0_paths == 1 && input.increments == NULL && input.increment_strides == NULL);
    CHECK(symsde_report_init(&report) == 0 && report.struct_size == sizeof report && report.stepper[0] == 0);
    CHECK(symsde_paths_init(&paths) == 0 && paths.struct_size == sizeof paths && paths.p_low == NULL);
    CHECK(symsde_moments_init(moments) == 0 && moments->struct_size == sizeof *moments);

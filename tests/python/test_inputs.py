@@ -17,7 +17,6 @@ import pytest
 import sympy
 import symsde as ss
 from symsde.answers.coupled import Draw
-from symsde.answers.expectation.problem import make_problem
 
 OMITTED = object()  #: value of a parameter that another case gives, or that cannot be changed
 PATHS, STEPS = 3, 8
@@ -531,12 +530,3 @@ def test_nothing_changes_while_it_runs(name):
         todo += [x for key, x in changed.items() if np.shape(x) or isinstance(x, dict)]
         assert seen(function(**changed)) == seen(expected)
     assert not todo
-
-
-def test_increments_are_copied_once_but_for_those_that_the_library_made():
-    rows = np.full((4, 1, 3), 0.1)
-    run = ss.simulate(KUBO, q0=1.0, p0=0.0, step=0.1, steps=4, paths=3, increments=rows)
-    assert not np.shares_memory(run.setup.increments, rows)
-    lent = make_problem(KUBO, "q", q0=1.0, p0=0.0, horizon=0.4).run("midpoint", 4, increments=rows, paths=3)
-    assert np.shares_memory(lent.setup.increments, rows)
-    np.testing.assert_array_equal(lent.q[-1], run.q[-1])

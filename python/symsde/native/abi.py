@@ -146,6 +146,7 @@ class Input(Structure):
         ("progress_user", c_void_p),
         ("warn", Warn),
         ("warn_user", c_void_p),
+        ("increment_strides", c_void_p),
     )
 
 

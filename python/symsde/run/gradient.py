@@ -256,12 +256,14 @@ def part_of(setup: Setup, part: slice) -> Setup:
     options = abi.Options.from_buffer_copy(setup.options)
     options.first_path += part.start
     options.paths = part.stop - part.start
-    rows = [
-        x if x is None or x.shape[-1] == 1 else np.ascontiguousarray(x[..., part])
-        for x in (setup.q0, setup.p0, setup.increments)
-    ]
+    rows = [x if x is None or x.shape[-1] == 1 else x[..., part] for x in (setup.q0, setup.p0, setup.increments)]
     return dataclasses.replace(
-        setup, model=setup.model._part(part), options=options, q0=rows[0], p0=rows[1], increments=rows[2]
+        setup,
+        model=setup.model._part(part),
+        options=options,
+        q0=np.ascontiguousarray(rows[0]),
+        p0=np.ascontiguousarray(rows[1]),
+        increments=rows[2],
     )
 
 

@@ -18,7 +18,7 @@ from ..native.progress import Monitor, Progress
 from ..native.signals import carry, held
 from ..schemes import Scheme
 from .report import Report, filled, make_report, warn_of_growth
-from .setup import PathOptions, Setup, increments_array, kind_of_setup, make_setup
+from .setup import PathOptions, Setup, increments_array, kind_of_setup, make_setup, put_increments
 from .simulate import Run
 from .states.law import States
 
@@ -213,7 +213,7 @@ class PreparedRun:
         if self._dw is None:
             self._dw = np.empty((1, self.model.nnoise, self._setup.paths))
             self._drive = handles.new(abi.Input, "input")
-            _put_increments(self._drive, self._dw)
+            put_increments(self._drive, self._dw)
             self._drive_address = ctypes.byref(self._drive)
         self._dw[0] = checks.state("dw", dw, *self._dw.shape[1:], kept=False)
         return self._drive_address
@@ -232,7 +232,7 @@ class PreparedRun:
                 given = handles.new(abi.Input, "input")
                 given.progress = monitor.callback
                 if run.setup.increments is not None:
-                    _put_increments(given, run.setup.increments)
+                    put_increments(given, run.setup.increments)
                 structs = (ctypes.byref(struct) for struct in (given, paths))
                 status = getattr(library, f"symsde_{name}")(self._pointer, *steps, *structs, self._error_address)
                 if status in (*_OK, abi.CALLBACK_FAILED):
@@ -275,12 +275,6 @@ class PreparedRun:
                 "failed_step, until the run is reset",
                 PathsFailedWarning,
             )
-
-
-def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
-    """Store increments (row, noise, path) in an input; they must live as long as the input."""
-    given.increments = address(increments)
-    given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
 
 
 @checks.hinted(*PathOptions.__annotations__)

@@ -12,7 +12,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from ..errors import InvalidArgumentError, RepeatedNoiseWarning, WrongShapeError, WrongTypeError
+from ..errors import IncompatibleError, InvalidArgumentError, RepeatedNoiseWarning, WrongShapeError, WrongTypeError
 from ..model.definition import Model, require_model
 from ..native import abi, checks
 from ..native import handles as _handles
@@ -25,6 +25,7 @@ _LIBRARY_LANES = 64  # lanes that a block of the library has at most for large s
 _PYTHON_VALUES = 2048  # most numbers of an array passed to a Python function
 _COUNT = 2**47  # number of values of the random generator's counter of steps
 _ON_GRID = 1e-6  # distance from a step, in steps, of times that are typed
+_COPIED = 4096  # most numbers of increments that are copied
 _WHOLE = 1e-9  # relative error of times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
@@ -120,9 +121,7 @@ class Setup:
         q0, p0 = self.q0, self.p0
         given = abi.Input(_INPUT_SIZE, *addresses((q0, p0)), q0.shape[1], p0.shape[1])  # zero members: none
         if self.increments is not None:
-            given.increments = address(self.increments)
-            rows, noises, paths = self.increments.shape
-            given.increment_rows, given.increment_noises, given.increment_paths = rows, noises, paths
+            put_increments(given, self.increments)
         if self.q0_low is not None:
             given.q0_low = address(self.q0_low)
         if self.p0_low is not None:
@@ -472,11 +471,36 @@ def _other_paths(model: Model, paths: int) -> WrongShapeError:
 
 
 class Lent(np.ndarray):
-    """Increments that the library has made for one run and never writes again: they need not be copied."""
+    """Increments in the caller's memory, with some of their numbers, which tell that the caller has written there."""
+
+    seen: np.ndarray | None = None
+
+    def sample(self) -> np.ndarray:
+        """Some of the numbers, from all over the array."""
+        places = np.linspace(0, self.size - 1, 64).astype(np.int64)
+        return np.asarray(self)[np.unravel_index(places, self.shape)]
 
 
-def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
-    """Prescribed increments as C-contiguous (row, noise, 1 or path); copied if they are kept."""
+def unchanged(increments: np.ndarray) -> np.ndarray:
+    """The increments of a run, for its analysis; refused if they are no longer those that drove it."""
+    if isinstance(increments, Lent) and increments.seen is not None and (increments.sample() != increments.seen).any():
+        raise IncompatibleError(
+            "the increments of this run have been changed since: large arrays are not copied, so leave yours as it is "
+            "while runs that it drove are analysed, or give simulate a copy"
+        )
+    return increments
+
+
+def put_increments(given: abi.Input, increments: np.ndarray) -> None:
+    """Store increments (row, noise, path) in an input; they must live as long as the input."""
+    given.increments = increments.ctypes.data
+    given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
+    given.strides = (ctypes.c_int64 * 3)(*(step // 8 for step in increments.strides))  # lives as long as the input
+    given.increment_strides = ctypes.addressof(given.strides)
+
+
+def increments_array(value: object) -> np.ndarray:
+    """Prescribed increments as (row, noise, 1 or path), in any order of memory. Large arrays are not copied."""
     array = checks.real_array("increments", value)
     if array.ndim == 2:
         array = array[:, :, np.newaxis]
@@ -485,7 +509,11 @@ def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
             f"increments has shape {array.shape}: give (steps*2**refine, noise, path), or "
             "(steps*2**refine, noise) for all paths"
         )
-    return (np.array if kept and not isinstance(value, Lent) else np.asarray)(array, order="C")
+    if array.size <= _COPIED or not array.flags.aligned or any(step < 0 or step % 8 for step in array.strides):
+        return np.array(array, order="C")
+    lent = array.view(Lent)
+    lent.seen = lent.sample()
+    return lent
 
 
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray:

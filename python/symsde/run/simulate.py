@@ -293,7 +293,8 @@ def simulate(
     - seed: 0 .. 2^64 - 1
     - increments: your own dW, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes that
       use them, dZ of all noises as further columns, then K, and with damping_noise="path" E, the integral of
-      exp(-gamma (t_n + step - s)) dW(s) over each row
+      exp(-gamma (t_n + step - s)) dW(s) over each row. Any order of memory will do: dw.transpose(1, 2, 0) of an array
+      (path, row, noise). Large arrays are not copied: leave them as they are while the run is analysed
     - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge. With
       l < 0 schemes share a path only if they use the same functionals of it (`report.functionals`); with l >= 0 all do
     - first_step: absolute index n of the first step, which chooses its noise; its time is t0 + n*step. With q0, p0 =

@@ -25,6 +25,7 @@ module symsde_diagnose_sweep_gradient
    use symsde_ensemble_run_driver, only: ensemble_type, new_ensemble, run_ensemble, choose_nlane
    use symsde_ensemble_run_report, only: run_report
    use symsde_model_abstract, only: model_type
+   use symsde_noise_given, only: given_increments
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_factory, only: resolve_task
    use symsde_step_linear_choice, only: require_linear, new_linear_step
@@ -45,7 +46,7 @@ module symsde_diagnose_sweep_gradient
       class(path_function), pointer :: f => null()
       class(monitor_type), pointer :: monitor => null()
       type(sweep_plan), pointer :: plan => null()
-      real(wp), pointer, contiguous :: dw(:, :, :) => null()  !! prescribed increments, or null
+      type(given_increments) :: dw            !! or none
       integer(i8), allocatable :: ends(:)                     !! number of steps before each piece, and of all pieces
       class(ensemble_type), allocatable :: ensemble           !! makes the steps of every piece
    contains
@@ -76,7 +77,7 @@ contains
       integer(i8), intent(out), target, contiguous :: failed_step(:)        !! (npath)
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      type(given_increments), intent(in) :: dw
       class(monitor_type), intent(inout), optional, target :: monitor
       type(stepper_task), target :: task
       type(sweep_plan), target :: plan
@@ -115,7 +116,7 @@ contains
       run%plan => plan
       run%monitor => none
       if (present(monitor)) run%monitor => monitor
-      if (present(dw)) run%dw => dw
+      run%dw = dw
       call cut(options%nstep, options%save_every, most, run%ends)
       call in_pieces(run, from, observer, report, error)
    end subroutine path_gradient
@@ -329,16 +330,15 @@ contains
       end associate
    end subroutine drive
 
-   !> The prescribed increments of steps a + 1 .. b; null if there are none.
+   !> The prescribed increments of steps a + 1 .. b, or none.
    function rows(self, a, b)
       class(long_run), intent(in) :: self
       integer(i8), intent(in) :: a, b
-      real(wp), pointer, contiguous :: rows(:, :, :)
+      type(given_increments) :: rows
       integer(i8) :: many
 
-      nullify (rows)
       many = 2_i8**max(0, self%options%refine)   ! rows of a step
-      if (associated(self%dw)) rows => self%dw(:, :, a*many + 1:b*many)
+      rows = self%dw%rows(a*many, b*many)
    end function rows
 
    !> Cut nstep steps into pieces of at most `most`, which end at saved times or lie between two.

@@ -16,6 +16,7 @@ module symsde_diagnose_sweep_tangent
    use symsde_ensemble_run_driver, only: ensemble_type, new_ensemble
    use symsde_ensemble_run_report, only: run_report
    use symsde_model_abstract, only: model_type
+   use symsde_noise_given, only: given_increments
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -42,7 +43,7 @@ contains
       integer(i8), intent(out), target, contiguous :: failed_step(:)        !! (npath)
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      type(given_increments), intent(in) :: dw
       class(monitor_type), intent(inout), optional, target :: monitor
       class(monitor_type), pointer :: teller
       type(monitor_type), target :: none
@@ -52,7 +53,6 @@ contains
       type(ensemble_type), target :: ensemble
       type(initial_state) :: start
       type(run_options) :: each
-      real(wp), pointer, contiguous :: given(:, :, :)
       integer(i8) :: most, begun, many
       integer :: nrate
       logical :: by_position
@@ -76,9 +76,7 @@ contains
       each%save_every = 1
       each%nstep = min(most, options%nstep)
       plan%nstep = int(each%nstep)
-      nullify (given)
-      if (present(dw)) given => dw(:, :, :each%nstep*many)
-      call new_ensemble(ensemble, model, scheme, each, from%q, from%p, observer, error, given)
+      call new_ensemble(ensemble, model, scheme, each, from%q, from%p, observer, error, dw%rows(0_i8, each%nstep*many))
       if (.not. allocated(error)) call tell_warnings(teller, ensemble%report%warnings, error)
       start = from
       start%status => status
@@ -90,8 +88,7 @@ contains
          plan%nstep = int(min(most, options%nstep - begun))
          ensemble%options%first_step = plan%first
          ensemble%options%nstep = plan%nstep
-         if (present(dw)) given => dw(:, :, begun*many + 1:(begun + plan%nstep)*many)
-         call ensemble%drive(start, observer, error, given, teller)
+         call ensemble%drive(start, observer, error, dw%rows(begun*many, (begun + plan%nstep)*many), teller)
          begun = begun + plan%nstep
          if (begun >= options%nstep) exit
          call end_if_stopped(plan, options%first_step + begun, ensemble%report%nstopped)

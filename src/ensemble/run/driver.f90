@@ -13,7 +13,7 @@ module symsde_ensemble_run_driver
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lanes_for, padded, all_finite
+   use symsde_base_lanes, only: lanes_for, padded
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
                                  callback_failed, paths_failed, out_of_memory
@@ -37,6 +37,7 @@ module symsde_ensemble_run_driver
    use symsde_model_probe_friction, only: describe_friction
    use symsde_model_catalogue_by_name, only: is_built_in
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
+   use symsde_noise_given, only: given_increments
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
    use symsde_noise_source, only: noise_type
    use symsde_noise_truncation, only: truncation_bound, lost_variance
@@ -47,7 +48,7 @@ module symsde_ensemble_run_driver
    use symsde_step_stepper, only: stepper_type, most_single
    implicit none
    private
-   public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
+   public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, refuse_not_finite, check_state
 
    integer, parameter :: chain_lanes = 32, long_chain = 64, longest_chain = 4096
 
@@ -58,6 +59,7 @@ module symsde_ensemble_run_driver
       type(run_report) :: report     !! totals of all drives; the outcome of the last one
       class(model_type), pointer, private :: model => null()
       class(noise_type), allocatable, private :: noise         !! noise of drives without given increments
+      type(given_increments), private :: unchecked   !! those of this noise, if they are given
       type(runner_factory), private :: factory
       type(block_runner), allocatable, private :: runners(:)   !! a runner for every thread
    contains
@@ -69,8 +71,8 @@ contains
 
    !> The number of lanes of a block: as the user chooses, else by the size of the system and the number of paths.
    !> Chains of 64 to 4096 masses get 32 lanes if there are so many paths: with 8 lanes a row, each lane costs twice as
-   !> much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache, and with 64 lanes increments of
-   !> fewer steps stay near. With dense matrices 32 lanes would take too much memory.
+   !> much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache, and with 64 lanes increments
+   !> of fewer steps stay near. With dense matrices 32 lanes would take too much memory.
    pure integer function choose_nlane(options, model)
       type(run_options), intent(in) :: options
       class(model_type), intent(in) :: model
@@ -93,22 +95,20 @@ contains
       class(observer_type), intent(in) :: observer    !! observer for blocks of choose_nlane(options, model) lanes
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      type(given_increments), intent(in) :: dw        !! increments, or none
       class(monitor_type), intent(inout), optional :: monitor
       type(ensemble_type), target :: ensemble
-      real(wp), pointer, contiguous :: given(:, :, :)
 
-      nullify (given)  ! a null pointer: gfortran 12 would read the bounds of an absent array
-      if (present(dw)) given => dw
-      call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
+      call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, dw)
       if (allocated(error)) return
       if (present(monitor)) call tell_warnings(monitor, ensemble%report%warnings, error)
       if (allocated(error)) return
-      call ensemble%drive(from, observer, error, monitor=monitor)
+      call ensemble%drive(from, observer, error, given_increments(), monitor)
       report = ensemble%report
    end subroutine run_ensemble
 
-   !> Check, probe and choose everything that is the same for all drives of the ensemble, and make its runners.
+   !> Check, probe and choose everything that is the same for all drives of the ensemble, and make its runners. Given
+   !> increments are those of drives without their own: their numbers are checked when they are read.
    subroutine new_ensemble(self, model, scheme, options, q0, p0, observer, error, dw)
       type(ensemble_type), intent(out), target :: self
       class(model_type), intent(in), target :: model          !! must live as long as the ensemble
@@ -117,9 +117,8 @@ contains
       real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
       class(observer_type), intent(in) :: observer    !! observer of the same kind as the observers of the drives
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      type(given_increments), intent(in), optional :: dw
       class(stepper_type), allocatable :: single  ! stepper of one lane, if paths run one by one
-      real(wp), pointer, contiguous :: given(:, :, :)
       real(wp) :: start
 
       start = seconds()
@@ -136,9 +135,8 @@ contains
       call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
       call observer%probe(options%t0, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
-      nullify (given)
-      if (present(dw)) given => dw
-      call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
+      if (present(dw)) self%unchecked = dw
+      call new_noise(self%noise, model, options, self%report%lost_variance, error, self%unchecked, scheme)
       if (.not. allocated(error)) call new_runners(self, scheme, single, error)
       if (allocated(error)) return
       if (.not. model%damping%acts()) &
@@ -158,13 +156,17 @@ contains
    end subroutine new_ensemble
 
    !> Take all paths through the steps of self%options. The number of steps, the first step and the saves may have
-   !> changed since the ensemble was made. Given increments are for this drive alone.
+   !> changed since the ensemble was made. Given increments are for this drive alone, and checked before it.
+   !>
+   !> Increments that were given before the first drive are checked as blocks read them, and a number that is not finite
+   !> stops the drive. Blocks whose paths have ended do not read on; so a drive that took fewer steps checks all numbers
+   !> again: what is refused depends on no block.
    subroutine drive(self, from, observer, error, dw, monitor)
       class(ensemble_type), intent(inout), target :: self
       type(initial_state), intent(in) :: from
       class(observer_type), intent(in) :: observer    !! observer for blocks of self%report%nlane lanes
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments of this drive alone
+      type(given_increments), intent(in) :: dw        !! increments of this drive alone, or none
       class(monitor_type), intent(inout), optional :: monitor
       type(monitor_type) :: no_monitor
       class(noise_type), allocatable, target :: given
@@ -175,8 +177,9 @@ contains
 
       if (allocated(error)) return
       if (contracts_are_executed) call require_options(self%options, 'ensemble, drive')
-      if (present(dw)) then
+      if (dw%exist()) then
          call new_noise(given, self%model, self%options, lost, error, dw, self%factory%task%scheme)
+         call refuse_not_finite(dw, self%options, error)
          noise => given
       else
          noise => self%noise
@@ -202,6 +205,8 @@ contains
       call blas_restore_threads()
       self%report%seconds_run = self%report%seconds_run + (seconds() - start)
       call summarise(self, shared)
+      if (self%unchecked%exist() .and. .not. dw%exist() .and. self%report%counters%steps < shared%total) &
+         call refuse_not_finite(self%unchecked, self%options, error)
    end subroutine drive
 
    !> Use another first path, first step and seed in later drives. Another seed needs another source of noise.
@@ -298,19 +303,20 @@ contains
    end function has_any_lanes
 
    !> Make the noise source of a run: prescribed increments if given, else Brownian motion. A scheme may need
-   !> increments of another law and functionals of the path; without a scheme, increments are Gaussian.
+   !> increments of another law and functionals of the path; without a scheme, increments are Gaussian. The numbers of
+   !> given increments are for refuse_not_finite.
    subroutine new_noise(noise, model, options, lost, error, dw, scheme)
       class(noise_type), allocatable, intent(out) :: noise
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
       real(wp), intent(out) :: lost  !! variance of a normal that truncation loses
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      type(given_increments), intent(in), optional :: dw
       type(scheme_type), intent(in), optional :: scheme
+      type(given_increments) :: given
       type(prescribed_noise) :: prescribed
       type(brownian_noise) :: brownian
       logical, allocatable :: silent(:)
-      integer(i8) :: extent(3)
       real(wp) :: cut
       type(area_rule) :: areas
       type(functional_set) :: asked
@@ -323,17 +329,13 @@ contains
          asked = needed_functionals(scheme, model%traits, model%damping, options%damping_noise)
          call choose_areas(model, scheme, options, asked, areas, error)
       end if
-      if (present(dw)) then
-         extent = shape(dw, i8)
-         if (.not. allocated(error)) call check_increments(options, model%traits%nnoise, extent, error)
-         if (.not. allocated(error)) call check_given(model, scheme, options, asked, areas, int(extent(2)), error)
+      if (present(dw)) given = dw
+      if (given%exist()) then
+         if (.not. allocated(error)) call check_increments(options, model%traits%nnoise, given%extent, error)
+         if (.not. allocated(error)) &
+            call check_given(model, scheme, options, asked, areas, int(given%extent(2)), error)
          if (allocated(error)) return
-         if (.not. all_finite(product(extent), dw)) then
-            call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that '// &
-                       'are not finite: give finite numbers only')
-            return
-         end if
-         call new_prescribed_noise(prescribed, dw, options%first_path, options%first_step, options%refine, &
+         call new_prescribed_noise(prescribed, given, options%first_path, options%first_step, options%refine, &
                                    options%step, model%traits%nnoise)
          allocate (noise, source=prescribed)
       else
@@ -445,6 +447,24 @@ contains
                     'of K, and of E')
       end if
    end subroutine check_increments
+
+   !> Refuse (invalid_argument) given increments that hold numbers that are not finite.
+   subroutine refuse_not_finite(dw, options, error)
+      type(given_increments), intent(in) :: dw
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: at(3)
+      character(:), allocatable :: path
+
+      if (allocated(error) .or. .not. dw%exist()) return
+      if (dw%are_finite()) return
+      at = dw%first_not_finite()
+      path = 'all paths'
+      if (dw%extent(1) > 1) path = 'path '//to_text(options%first_path + at(1) - 1)
+      call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that are not '// &
+                 'finite, the first one in step '//to_text(options%first_step + (at(3) - 1)/2_i8**options%refine)// &
+                 ' of '//path//' (column '//to_text(at(2))//', counted from 1): give finite numbers only')
+   end subroutine refuse_not_finite
 
    !> Refuse initial states that are not finite (invalid_argument), or do not have one column for every degree of
    !> freedom and one row, or one for every path (wrong_shape).

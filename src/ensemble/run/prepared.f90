@@ -21,6 +21,7 @@ module symsde_ensemble_run_prepared
    use symsde_ensemble_run_report, only: run_report
    use symsde_ensemble_run_simulate, only: paths_type, new_paths
    use symsde_model_abstract, only: model_type
+   use symsde_noise_given, only: given_increments, increments_of
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -181,12 +182,11 @@ contains
       type(paths_type), intent(out), target, optional :: saved
       integer(i8), intent(in), optional :: save_every                    !! default 1
       type(path_recorder) :: recorder
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(given_increments) :: given
       integer(i8) :: every
 
       if (allocated(error)) return
-      nullify (given)
-      if (present(dw)) given => dw
+      if (present(dw)) given = increments_of(dw)
       every = max(1_i8, nstep)
       if (present(saved)) every = 1
       if (present(saved) .and. present(save_every)) every = save_every
@@ -210,11 +210,10 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       type(paths_type), intent(inout), target, optional :: saved
       type(path_recorder) :: recorder
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(given_increments) :: given
 
       if (allocated(error)) return
-      nullify (given)
-      if (present(dw)) given => dw
+      if (present(dw)) given = increments_of(dw)
       call self%begin_rest(error)
       if (allocated(error)) return
       if (present(saved)) then
@@ -267,14 +266,11 @@ contains
       class(prepared_run), intent(inout) :: self
       type(path_recorder), intent(inout) :: recorder   !! recorder whose q and p have room for the states, or for none
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      type(given_increments), intent(in) :: dw
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
       if (contracts_are_executed) call require(self%at_work == 1, 'ensemble, record', 'a call was begun')
-      nullify (given)
-      if (present(dw)) given => dw
-      if (.not. allocated(error)) call self%go(recorder, error, given, monitor)
+      if (.not. allocated(error)) call self%go(recorder, error, dw, monitor)
       call self%leave()
    end subroutine record
 
@@ -284,7 +280,7 @@ contains
       class(prepared_run), intent(inout), target :: self
       type(path_recorder), intent(inout) :: recorder
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), pointer, contiguous, intent(in) :: dw(:, :, :)  !! null: the noise of the run
+      type(given_increments), intent(in) :: dw         !! or none: the noise of the run
       class(monitor_type), intent(inout), optional :: monitor
       type(initial_state) :: from
 

@@ -20,6 +20,7 @@ module symsde_ensemble_run_simulate
    use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
    use symsde_ensemble_observe_streaming, only: observer_request, observed_type, observed_run
    use symsde_model_abstract, only: model_type
+   use symsde_noise_given, only: given_increments, increments_of
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -68,12 +69,11 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(given_increments) :: given
       type(initial_state) :: from
 
       if (allocated(error)) return
-      nullify (given)
-      if (present(dw)) given => dw
+      if (present(dw)) given = increments_of(dw)
       call check_options(options, error)
       if (.not. allocated(error)) call new_paths(run, options, model%traits%ndof, error)
       if (allocated(error)) return
@@ -107,12 +107,11 @@ contains
       type(observer_request), intent(in), target, optional :: observers(:)
       type(observer_request), target :: none(0)
       type(observer_request), pointer :: wanted(:)
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(given_increments) :: given
       type(initial_state) :: from
 
       if (allocated(error)) return
-      nullify (given)
-      if (present(dw)) given => dw
+      if (present(dw)) given = increments_of(dw)
       wanted => none
       if (present(observers)) wanted => observers
       call check_options(options, error)
@@ -132,7 +131,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(observer_request), intent(in) :: observers(:)
       class(observables_type), intent(in), target, optional :: observables
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      type(given_increments), intent(in) :: dw
       class(monitor_type), intent(inout), optional :: monitor
       type(path_recorder), intent(in), optional :: recorder  !! saves paths, or their last states, beside
       type(moment_store), allocatable, target :: store
@@ -140,22 +139,19 @@ contains
       type(moment_collector) :: collector
       type(moment_node) :: root
       type(run_options) :: shown
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
-      nullify (given)
-      if (present(dw)) given => dw
       call check_shard(options, observers, error)
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
-      call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, observers, error, &
+      call plan_observers(plan, model, merge(law_gaussian, scheme%law, dw%exist()), options, observers, error, &
                           observables)
       if (allocated(error)) return
       call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
                                 plan, options%save_every, recorder)
       shown = options
       if (plan%watches_steps) shown%save_every = 1
-      call run_ensemble(model, scheme, shown, from, collector, result%report, error, given, monitor)
+      call run_ensemble(model, scheme, shown, from, collector, result%report, error, dw, monitor)
       if (allocated(error)) return
       call plan%deliver(result%observed)
       call final_node(store%tree, root)

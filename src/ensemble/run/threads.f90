@@ -176,25 +176,26 @@ contains
       end do
    end subroutine watch
 
-   !> Find out whether the run shall stop. Only the thread that called the library calls the monitor; other threads read
-   !> the stop flag.
+   !> Find out whether the run shall stop: a draw may have wanted it. Only the thread that called the library calls the
+   !> monitor; other threads read the stop flag.
    subroutine look(self)
       class(stop_flag), intent(inout) :: self
       integer(i8) :: done
-      logical :: stopping
+      logical :: stopping, asks
 
       !$omp atomic read
       stopping = self%shared%stopping
+      asks = .false.
       if (associated(self%monitor)) then
          !$omp atomic read
          done = self%shared%done
-         call self%monitor%ask(done, self%shared%total, self%wanted)
-         if (self%wanted) then
-            !$omp atomic write
-            self%shared%stopping = .true.
-         end if
+         call self%monitor%ask(done, self%shared%total, asks)
       end if
-      self%wanted = self%wanted .or. stopping
+      if (asks .or. self%wanted) then
+         !$omp atomic write
+         self%shared%stopping = .true.
+      end if
+      self%wanted = asks .or. self%wanted .or. stopping
    end subroutine look
 
    !> Run one block to its end, chunk by chunk. Between chunks read the stop flag, report to the monitor, and move

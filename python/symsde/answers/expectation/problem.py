@@ -18,7 +18,7 @@ from ...model.formulas.formula_observables import FormulaObservables
 from ...native import checks
 from ...run.moments import try_out
 from ...run.report import Report
-from ...run.setup import EndOptions, Lent, make_setup
+from ...run.setup import EndOptions, make_setup
 from ...run.simulate import Run, simulate
 from ...run.states.law import States
 from ...run.step import increments
@@ -73,8 +73,6 @@ class Problem:
         work, unit = steps * more.get("paths", 1), f"seconds of a step of {getattr(scheme, 'name', scheme)}"
         if self.options.get("threads") is None and work * self.known.get(unit, 0.0) < _WORTH:
             options["threads"] = 1
-        if "increments" in more:
-            options["increments"] = more["increments"].view(Lent)
         step = self.horizon / steps
         begin = time.process_time()
         found = self._simulate(scheme, step=step, steps=steps, **options)
