@@ -13,6 +13,7 @@ module symsde_noise_few_paths
    integer, parameter :: most_few = 8        !! most paths whose draws are made side by side, however many steps
    integer, parameter :: few_draws = 64      !! most draws of more paths that are made side by side
    integer, parameter :: most_ahead = 128    !! lanes of the generator for one noise
+   integer, parameter :: least_ahead = 32    !! lanes of the generator for one noise among many
    integer, parameter :: most_at_once = 256  !! lanes of the generator for several noises
 
 contains
@@ -41,9 +42,16 @@ contains
       integer :: noises(most_at_once), packed(most_at_once)
       real(wp) :: drawn(most_at_once*4 + lane_unit)  ! vectors are read from any path on
       integer :: ndraw, most, before, some, n, m, used, k, i, j
+      logical :: any_common
 
+      any_common = any(common)
       ndraw = (npair + 1)/2
       most = min(ndraw, most_ahead/nreal)
+      ! Several paths: many noises take turns with few draws, so that columns of a step are written together.
+      if (nlane > 1) then
+         most = min(most, max(least_ahead/nreal, most_at_once/(nreal*max(1, count(.not. silent)))))
+         most = max(1, most)
+      end if
       ! Lanes of the generator for a noise: first all paths of one draw, then all paths of the next, whole vectors of
       ! paths over the rest of the vector before.
       if (nreal == 1) path_of(:most) = path(1)
@@ -57,6 +65,13 @@ contains
       do before = 0, ndraw - 1, most
          some = min(most, ndraw - before)
          n = nreal*some
+         ! Paths and draws are the same for every noise.
+         do j = 0, min(most_at_once/n, size(silent)) - 1
+            do i = 1, n
+               paths(j*n + i) = path_of(i)
+               draws(j*n + i) = draw_of(i) + before
+            end do
+         end do
          ! k is the last noise that has been packed. The inner loop packs noises until another one would not fit.
          k = 0
          do while (k < size(silent))
@@ -65,11 +80,8 @@ contains
                k = k + 1
                if (silent(k)) cycle
                packed(used/n + 1) = k
-               do i = 1, n
-                  paths(used + i) = merge(0_i8, path_of(i), common(k))
-                  draws(used + i) = draw_of(i) + before
-                  noises(used + i) = k
-               end do
+               noises(used + 1:used + n) = k
+               if (any_common) paths(used + 1:used + n) = merge(0_i8, path_of(:n), common(k))
                used = used + n
             end do
             ! All of these noises were silent.
@@ -84,26 +96,25 @@ contains
             j = 1 + nlane*ncolumn*4*before
             if (nlane == 1) then
                call spread_alone(min(4*some, 2*npair - 4*before), ncolumn, used/n, packed, drawn, m, x(j))
-               cycle
+            else
+               call spread(nlane, nreal, min(4*some, 2*npair - 4*before), ncolumn, used/n, packed, n, drawn, m, x(j))
             end if
-            do i = 1, used/n
-               call spread(nlane, nreal, min(4*some, 2*npair - 4*before), ncolumn, drawn(1 + n*(i - 1)), m, &
-                           x(j + nlane*(packed(i) - 1)))
-            end do
          end do
       end do
    end subroutine draw_few
 
-   !> Write the numbers of one noise to its column of nstep steps: number i of draw j is that of step 4j + i. Lanes
-   !> beyond the last path repeat it. A vector of lanes is read from any path on, and the bits of its lanes are chosen
-   !> without branches.
-   pure subroutine spread(nlane, nreal, nstep, ncolumn, x, m, w)
-      integer, intent(in) :: nlane, nreal, nstep, ncolumn, m
+   !> Write the numbers of these noises to their columns of nstep steps: number i of draw j is that of step 4j + i.
+   !> Lanes beyond the last path repeat it. A vector of lanes is read from any path on, and the bits of its lanes are
+   !> chosen without branches.
+   pure subroutine spread(nlane, nreal, nstep, ncolumn, nnoise, noise, n, x, m, w)
+      integer, intent(in) :: nlane, nreal, nstep, ncolumn, nnoise, m
+      integer, intent(in) :: noise(nnoise)  !! their columns, in this order
+      integer, intent(in) :: n              !! lanes of the generator for a noise
       !> Numbers i stand m after numbers i - 1; up to a vector beyond the last draw is read and not used.
-      real(wp), intent(in) :: x(3*m + nreal*((nstep + 3)/4) + lane_unit)
-      real(wp), intent(inout) :: w(nlane*(ncolumn*(nstep - 1) + 1))
+      real(wp), intent(in) :: x(4*m + lane_unit)
+      real(wp), intent(inout) :: w(nlane*(ncolumn*(nstep - 1) + noise(nnoise)))
       integer(i8) :: own(lane_unit)  ! all bits in lanes of paths, none beyond
-      integer :: lane, first, draw, i, before
+      integer :: lane, first, step, k, from, before
 
       do first = 0, nlane - lane_unit, lane_unit
          do lane = 1, lane_unit
@@ -111,31 +122,26 @@ contains
          end do
          ! Vectors without a path read the last vector with one.
          before = min(first, (nreal - 1)/lane_unit*lane_unit)
-         do draw = 0, nstep/4 - 1
-            !GCC$ unroll 4
-            do i = 0, 3
-               call give(own, nreal, before, x(1 + m*i + nreal*draw), w(1 + first + nlane*ncolumn*(4*draw + i)))
+         do step = 0, nstep - 1
+            do k = 1, nnoise
+               from = 1 + m*mod(step, 4) + nreal*(step/4) + n*(k - 1)
+               call give(own, x(from + nreal - 1), x(from + before), w(1 + first + nlane*(ncolumn*step + noise(k) - 1)))
             end do
-         end do
-         do i = 4*(nstep/4), nstep - 1
-            call give(own, nreal, before, x(1 + m*mod(i, 4) + nreal*(nstep/4)), w(1 + first + nlane*ncolumn*i))
          end do
       end do
    end subroutine spread
 
-   !> The numbers of a step for one vector of lanes, of those that begin behind `before` lanes.
-   pure subroutine give(own, nreal, before, x, w)
+   !> The numbers of a step for one vector of lanes: its own ones, and in lanes without a path the last one.
+   pure subroutine give(own, last, x, w)
       integer(i8), intent(in) :: own(lane_unit)
-      integer, intent(in) :: nreal, before
-      real(wp), intent(in) :: x(max(nreal, before + lane_unit))
+      real(wp), intent(in) :: last, x(lane_unit)
       real(wp), intent(inout) :: w(lane_unit)
-      integer(i8) :: last
       integer :: lane
 
-      last = transfer(x(nreal), 0_i8)
       !GCC$ unroll 8
       do lane = 1, lane_unit
-         w(lane) = transfer(ior(iand(transfer(x(before + lane), 0_i8), own(lane)), iand(last, not(own(lane)))), 0.0_wp)
+         w(lane) = transfer(ior(iand(transfer(x(lane), 0_i8), own(lane)), &
+                                iand(transfer(last, 0_i8), not(own(lane)))), 0.0_wp)
       end do
    end subroutine give
 

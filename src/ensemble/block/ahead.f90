@@ -24,17 +24,16 @@ contains
    end function states_ahead
 
    !> Number of pairs of steps that are drawn at once, for ncolumn columns of increments and functionals a step. Two
-   !> pairs use all words of a draw, four use the fastest kernel. Sixteen save passes over the block if a model takes
-   !> whole steps. A small block or a single path draws sixty-four, since steps then fill the generator's lanes, which
-   !> its few paths would leave empty.
+   !> pairs use all words of a draw, four use the fastest kernel. More, up to sixteen, save passes over the block if a
+   !> model takes whole steps. A small block or a single path draws sixty-four, since steps then fill the generator's
+   !> lanes, which its few paths would leave empty.
    pure integer function pairs_ahead(nlane, ncolumn)
       integer, intent(in) :: nlane, ncolumn
 
       if (nlane <= few_lanes .and. ncolumn <= merge(columns_of_one, few_columns, nlane == 1)) then
          pairs_ahead = 64
       else
-         pairs_ahead = int(min(16_i8, most_increments/(2_i8*nlane*max(1, ncolumn))))
-         pairs_ahead = max(2, pairs_ahead - mod(pairs_ahead, 4))
+         pairs_ahead = max(2, int(min(16_i8, most_increments/(2_i8*nlane*max(1, ncolumn))/4*4)))
       end if
    end function pairs_ahead
 
