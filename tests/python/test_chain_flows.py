@@ -59,6 +59,20 @@ def test_few_paths_of_long_chains_go_one_by_one(n, most):
     np.testing.assert_array_equal(few.p, block.p[:, :, :most])
 
 
+@pytest.mark.parametrize(
+    ("scheme", "more", "lanes"),
+    [("chin4a", {}, 8), ("gauss_dkdkd", {}, 8), ("gauss_dkdkd", {"refine": 1}, 64), ("chin4a_strong2", {}, 64)],
+)
+def test_blocks_of_long_chains_are_one_strip_wide(scheme, more, lanes):
+    """But where J or finer increments are drawn for many lanes together. Paths have the bits of wide blocks."""
+    potential, noise, ends, _ = CHAINS["phi4"]
+    model = ss.model_from_sympy(f"{FREE} + {potential}", noise, params={"a": 0.7, "b": 0.3}, n=33, ends=ends)
+    run = {**RUN, "scheme": scheme, "q0": np.linspace(0.1, 0.5, 33), "paths": 70, **more}
+    chosen, wide = ss.simulate(model, **run), ss.simulate(model, **run, lanes=64)
+    assert chosen.report.lanes == lanes
+    np.testing.assert_array_equal(chosen.p, wide.p)
+
+
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd", "chin4a"])
 def test_long_chains_are_the_built_in_ones(scheme):
     """A path alone computes its rows side by side, 256 at a time; states agree with those of the catalogue's chain."""

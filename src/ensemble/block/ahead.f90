@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How many steps of a block are drawn ahead, and how many states are kept until the observer sees them. Both numbers
-!> are bounded by memory: 590 kB of increments, 32 kB of positions. At least two pairs of steps and one state are kept.
+!> are bounded by memory: 288 kB of increments, 32 kB of positions. At least two pairs of steps and one state are kept.
 !> The numbers change no result.
 module symsde_ensemble_block_ahead
    use symsde_base_kinds, only: i8
@@ -10,7 +10,7 @@ module symsde_ensemble_block_ahead
 
    integer, parameter :: few_lanes = 8, few_columns = 8  !! largest small block: lanes, and columns a step
    integer, parameter :: columns_of_one = 256     !! most columns of a single path: 128 steps of 256 columns take 256 kB
-   integer, parameter :: most_increments = 73728  !! increments drawn ahead for a block: 590 kB
+   integer, parameter :: most_increments = 36864  !! increments drawn ahead for a block: 288 kB
    integer(i8), parameter :: most_states = 4096   !! values of q kept until the observer sees them: 32 kB
    integer, parameter :: most_shown = 128         !! states shown at once
 

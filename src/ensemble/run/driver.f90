@@ -13,7 +13,7 @@ module symsde_ensemble_run_driver
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lanes_for, padded
+   use symsde_base_lanes, only: lane_unit, lanes_for, padded
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
                                  callback_failed, paths_failed, out_of_memory
@@ -45,12 +45,13 @@ module symsde_ensemble_run_driver
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads, name_lapack
    use symsde_step_factory, only: resolve_task
    use symsde_step_open_kick_law, only: needed_functionals
-   use symsde_step_stepper, only: stepper_type, most_single
+   use symsde_step_stepper, only: stepper_type, stepper_task, most_single
    implicit none
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, refuse_not_finite, check_state
 
-   integer, parameter :: chain_lanes = 32, long_chain = 64, longest_chain = 4096
+   integer, parameter :: chain_lanes = 32, longest_chain = 4096
+   integer, parameter :: shortest_chain = 32  !! masses of chains whose whole steps go strip by strip
 
    !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven any number of
    !> times. A drive leaves only the counters of the report for the next.
@@ -70,9 +71,9 @@ module symsde_ensemble_run_driver
 contains
 
    !> The number of lanes of a block: as the user chooses, else by the size of the system and the number of paths.
-   !> Chains of 64 to 4096 masses get 32 lanes if there are so many paths: with 8 lanes a row, each lane costs twice as
-   !> much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache, and with 64 lanes increments
-   !> of fewer steps stay near. With dense matrices 32 lanes would take too much memory.
+   !> Chains of up to 4096 masses get at least 32 lanes if there are so many paths: with 8 lanes a row, each lane costs
+   !> twice as much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache. With dense matrices
+   !> 32 lanes would take too much memory.
    pure integer function choose_nlane(options, model)
       type(run_options), intent(in) :: options
       class(model_type), intent(in) :: model
@@ -81,10 +82,27 @@ contains
       if (choose_nlane /= 0) return
       associate (n => model%traits%ndof, b => model%traits%bandwidth)
          choose_nlane = lanes_for(n, options%npath)
-         if (b >= 0 .and. 4*b < n .and. n >= long_chain .and. n <= longest_chain) &
-            choose_nlane = padded(int(min(int(chain_lanes, i8), max(options%npath, 1_i8))))
+         if (b >= 0 .and. 4*b < n .and. n <= longest_chain) &
+            choose_nlane = max(choose_nlane, padded(int(min(int(chain_lanes, i8), max(options%npath, 1_i8)))))
       end associate
    end function choose_nlane
+
+   !> Whether a model takes whole steps of a chain, row after row of a strip of eight lanes, driven by dW, dZ and K.
+   !> In blocks of one strip its states and the draws of several steps stay near: .77 to .95 of the time of wide blocks.
+   !> Of shorter chains calls take a considerable part, and other functionals are drawn for many lanes together.
+   pure logical function goes_by_strips(task, options) result(goes)
+      type(stepper_task), intent(in) :: task
+      type(run_options), intent(in) :: options
+      type(functional_set) :: asked
+
+      associate (t => task%model%traits)
+         asked = needed_functionals(task%scheme, t, task%model%damping, options%damping_noise)
+         goes = allocated(task%flow) .and. .not. t%has_parts .and. t%ndof >= shortest_chain .and. &
+                options%refine == 0 .and. options%truncation <= 0 .and. &
+                task%scheme%law == law_gaussian .and. &
+                count(asked%has) == count(asked%has([path_dz, path_stt_area]))
+      end associate
+   end function goes_by_strips
 
    !> Run all paths and show them to (copies of) the observer: an ensemble driven once.
    subroutine run_ensemble(model, scheme, options, from, observer, report, error, dw, monitor)
@@ -233,7 +251,7 @@ contains
       class(observer_type), intent(in) :: observer
       class(stepper_type), allocatable, intent(out) :: single
       type(error_type), allocatable, intent(inout) :: error
-      integer :: nthread
+      integer :: nthread, nlane
 
       call choose_nthread(self%options, nthread, error)
       if (allocated(error)) return
@@ -242,7 +260,10 @@ contains
          if (.not. allocated(error)) call new_single_path(single, self%factory%task, self%model, &
                                                           self%options%npath, error)
       end if
-      if (.not. allocated(single)) call fit(choose_nlane(self%options, self%model))
+      nlane = choose_nlane(self%options, self%model)
+      if (self%options%nlane == 0 .and. goes_by_strips(self%factory%task, self%options)) &
+         nlane = min(nlane, lane_unit)
+      if (.not. allocated(single)) call fit(nlane)
 
    contains
 
