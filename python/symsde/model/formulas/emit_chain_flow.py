@@ -17,7 +17,7 @@ from .graph import reachable
 from .named_formulas import Problem
 from .sites import Chain
 
-MOST_SITES = 512  #: most sites of a chain whose states stay near: MOST_SITES of flow_chain.h
+MOST_SITES = 2048  #: most sites of a chain whose states stay near, by five arrays of a strip on the stack
 TABLEAUX = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 KICKS = ("verlet_kdk", "gauss_dkdkd", "chin4a")
 DRAWN = tuple(f"{scheme}_strong2" for scheme in KICKS)  #: the same with J, for one noise at each site or constant noise

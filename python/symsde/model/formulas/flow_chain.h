@@ -15,7 +15,7 @@
  * one, or of the last one by itself (CLOSED is 0), weights v of the TERMS, column of each. */
 
 #include <string.h>
-enum { LANES_OF_STRIP = 8, MOST_SITES = 512, DAMPED_STEP = 5 };
+enum { LANES_OF_STRIP = 8, DAMPED_STEP = 5 };
 enum { BY_W, BY_Z, BY_K }; /* functionals that weigh kicks: dW; dZ, too; K, too */
 enum { SLOPE, PRODUCT, KICK, KICK_MORE, KICK_DRAWN };
 #define SITE(i) ((i) * (ptrdiff_t)lanes)
@@ -206,8 +206,8 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
                 double *restrict p, const int far) {
    double c[VALUES + 1]; /* a copy that no state may alias */
    memcpy(c, parameters, VALUES * sizeof(double));
-   double s[MOST_SITES * LANES_OF_STRIP], more[MOST_SITES * LANES_OF_STRIP], drawn[MOST_SITES * LANES_OF_STRIP];
    const ptrdiff_t count = SITE(sites);
+   double s[count], more[count], drawn[count];
    const double h = g.h, z = damped ? damped[0] : 0, lead = of->c[0];
    const int tableau = of->uses == BY_W;
    kick_of kicks[3], all = {.b = 1, .beta = 1, .eta = of->zeta};
@@ -283,7 +283,7 @@ static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t 
                           const ptrdiff_t nham, const int nstep, const int every, const double h, const double *w,
                           const double *const *functionals, const double *q, const double *p, double *qn, double *pn,
                           const double *c, const int far) {
-   double x[MOST_SITES * LANES_OF_STRIP], y[MOST_SITES * LANES_OF_STRIP];
+   double x[SITE(sites)], y[SITE(sites)];
    const double *const z = of->uses >= BY_Z ? functionals[0] : w, *const k = of->uses >= BY_K ? functionals[2] : w;
    const double *const j = MEAN && of->samples ? functionals[3] : w;
    int64_t beyond = 0;
