@@ -22,7 +22,7 @@ module symsde_step_splitting_stepper
    use symsde_step_splitting_turns, only: action_turns, new_action_turns
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_open_linear_noise, only: linear_noise, new_linear_noise
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: splitting_stepper
