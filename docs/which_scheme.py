@@ -240,7 +240,8 @@ p; it is *stiff* if its fastest frequency is much faster than the motion that yo
 _MEASURE = """\
 In magnetic fields and rotating frames H is not separable, nor on lattices with noise of phases. Yet symsde alternates
 there between two exact flows: take **gauss_dkdkd**, or **chin4a** for small errors in fields ([Magnetic
-fields](formulas.md#magnetic-fields-rotating-frames-stiff-springs), [Lattices](formulas.md#lattices-with-noise-of-phases)).
+fields](formulas.md#magnetic-fields-rotating-frames-stiff-springs),
+[Lattices](formulas.md#lattices-with-noise-of-phases)).
 
 chin4a is an explicit scheme for H = p.p/2 + U(q) with noise in position alone. It does as stormer_verlet does, kicks
 and drifts in turn, but it also uses the gradient of the squared force, and draws the integrals of the noise over a

@@ -214,7 +214,7 @@ def test_refusals():
     """Wrong arguments are refused with a sentence that says what is allowed."""
     with pytest.raises(UnknownNameError, match=r"omgea.*omega"):
         ss.sweep(model(), {"omgea": OMEGA}, **RUN)
-    with pytest.raises(UnknownNameError, match=r"no parameter 'beta': .*as lambda beta: ss.thermostat\(model, beta=beta"):
+    with pytest.raises(UnknownNameError, match=r"no parameter 'beta': .*lambda beta: ss.thermostat\(model, beta=b"):
         ss.sweep(ss.thermostat(model().with_parameters(s=0.0), gamma=0.1, beta=1.0), {"beta": [1.0, 2.0]}, **RUN)
     with pytest.raises(InvalidArgumentError, match="values is empty"):
         ss.sweep(model(), {}, **RUN)

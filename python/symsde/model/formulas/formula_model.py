@@ -239,8 +239,8 @@ class FormulaModel(Model):
             )
         if name in {"beta", "gamma"} - set(known):
             raise UnknownNameError(
-                f"there is no parameter {name!r}: there are {', '.join(known)}; where {name} is that of a heat bath, give a "
-                f"function that makes the bath, as lambda {name}: ss.thermostat(model, {name}={name}, ..)"
+                f"there is no parameter {name!r}: there are {', '.join(known)}; where {name} is that of a heat "
+                f"bath, give a function that makes the bath, as lambda {name}: ss.thermostat(model, {name}={name}, ..)"
             )
         return known[checks.choice("parameter", folded(name), known)]
 

@@ -333,8 +333,8 @@ def _what(node: ast.AST) -> str:
     """Describe a kind of node."""
     words = {
         ast.Attribute: "a dot between names",
-        ast.Subscript: "an index in brackets, which sums over sites have, as Sum(q[i]**2, i) beside n, the number of sites (a single "
-        "coordinate is q_1 in observables, and q1 where a few are given)",
+        ast.Subscript: "an index in brackets, which sums over sites have, as Sum(q[i]**2, i) beside n, the number of "
+        "sites (a single coordinate is q_1 in observables, and q1 where a few are given)",
         ast.Compare: "a comparison",
         ast.Lambda: "a lambda",
         ast.UnaryOp: "~ or not",
