@@ -76,7 +76,7 @@ def test_steps_of_far_paths_are_not_called_false(rate, q):
 @pytest.mark.parametrize("q", [10.0, 9e4])
 def test_false_steps_of_far_paths_are_refused(monkeypatch, q):
     """The twin: a drift that is one per cent too long is found beside roundings that large angles amplify."""
-    whole, old = emit_flow._text, "drift(LANE_OF, s, 1, far)"
+    whole, old = emit_flow._text, "drift_at(LANE_OF, s, 1, 0.5, far)"
     assert old in whole("steps")
     monkeypatch.setattr(emit_flow, "_text", lambda x: whole(x).replace(old, old.replace("1,", "1.01,")))
     with pytest.raises(FalseTraitError, match=r"the whole steps of scheme stormer_verlet .* are not those"):

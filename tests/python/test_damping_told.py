@@ -192,4 +192,4 @@ def test_orders_that_are_told_are_of_schemes_that_run():
         for scheme in set(re.findall(r"\b(?:midpoint|gauss)\w*", found.text)):
             if "dkdkd" not in scheme or model.traits.position_noise:
                 assert ss.simulate(model.damped(RATE), scheme=scheme, **GIVEN).report.status == 0
-    assert "gauss2_strong32" in ss.commutator(ss.models.synchrotron()).text
+    assert "3/2 from gauss_dkdkd, 2 from gauss_dkdkd_strong2" in ss.commutator(ss.models.synchrotron()).text
