@@ -40,6 +40,24 @@ low = -1.0
 """
 
 
+@pytest.mark.parametrize(("scheme", "asks"), [("stormer_verlet", False), ("midpoint", True)])
+def test_noise_is_measured_where_steps_solve_equations(scheme, asks):
+    """Its bound is that of implicit equations: explicit steps do not pay for the Hessian of each noise."""
+
+    def calls(**declared):
+        seen = []
+
+        def gradient(t, w, q, p):
+            seen.append(1)
+            return w[0] * q + w[1] * np.cos(q), w[0] * p
+
+        model = ss.Model(ndof=1, nnoise=1, gradient=gradient, separable=True, position_noise=True, **declared)
+        ss.simulate(model, q0=0.3, p0=0.1, step=0.01, steps=1, scheme=scheme)
+        return len(seen)
+
+    assert (calls() > calls(noise_lipschitz=1e-3)) == asks
+
+
 def said(call):
     """The sentences of doubt that a call warns of, and the result of the call."""
     with warnings.catch_warnings(record=True) as found:

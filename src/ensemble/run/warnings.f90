@@ -54,7 +54,7 @@ contains
 
       text = ''
       call spread_state(nlane, size(q0), q0, p0, q, p)
-      call find_largest_bounds(model, scheme, nlane, options%t0, q, p, bounds)
+      call find_largest_bounds(model, scheme, nlane, options%t0, q, p, .not. explicit, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
       call warn_of_damping(text, scheme, model%traits, model%damping, options)
@@ -192,24 +192,25 @@ contains
 
    !> Find the largest bounds of all paths, or of as many as are looked at, at equal distances: those of the path with
    !> the highest frequency, and of the one with the strongest noise.
-   subroutine find_largest_bounds(model, scheme, nlane, t, q, p, bounds)
+   subroutine find_largest_bounds(model, scheme, nlane, t, q, p, implicit, bounds)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
+      logical, intent(in) :: implicit   !! whether steps solve equations: else noise needs no bound
       type(bounds_type), intent(out) :: bounds
       type(one_path) :: path
       type(bounds_type) :: here
       integer(i8) :: i, n, place
 
       call path%begin(model)
-      call find_bounds(path%model, scheme, nlane, t, q, p, bounds)
+      call find_bounds(path%model, scheme, nlane, t, q, p, implicit, bounds)
       n = min(path%count, most_looked_at)
       do i = 1, n - 1
          place = i*(path%count - 1)/(n - 1)
          call path%look_at(place, 1)
-         call find_bounds(path%model, scheme, nlane, t, q, p, here)
+         call find_bounds(path%model, scheme, nlane, t, q, p, implicit, here)
          if (here%frequency > bounds%frequency) then
             bounds%frequency = here%frequency
             bounds%frequency_source = here%frequency_source//' with the parameters of value '//to_text(place + 1)
@@ -229,17 +230,18 @@ contains
    !> of velocities are measured in the unit of p/q in which those of H are equal. With more than
    !> most_noises noises there is no estimate. Where the scheme takes a quadratic part of H exactly, the frequency is
    !> that of the rest.
-   subroutine find_bounds(model, scheme, nlane, t, q, p, bounds)
+   subroutine find_bounds(model, scheme, nlane, t, q, p, implicit, bounds)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
+      logical, intent(in) :: implicit   !! whether steps solve equations: else noise needs no bound
       type(bounds_type), intent(out) :: bounds
       real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! sums of hqq, hqp, hpp; rows of q, p
       real(wp) :: unit, force, velocity   ! of p/q; largest row sums of H
       integer :: k
-      logical :: looked, by_part
+      logical :: looked, by_part, known
 
       by_part = scheme%needs%quadratic_will_do .and. allocated(model%traits%quadratic_part)
       bounds%frequency = model%traits%max_frequency
@@ -249,16 +251,18 @@ contains
       bounds%lipschitz_source = 'declared'
       bounds%nnoise = model%traits%nnoise
       if (.not. model%traits%has_gradient) return
-      if (.not. (bounds%frequency > 0 .or. (by_part .and. model%traits%kicks_of_actions))) then  ! turns have no limit
+      known = bounds%frequency > 0 .or. (by_part .and. model%traits%kicks_of_actions)  ! turns have no limit
+      if (.not. known) then
          bounds%frequency_source = 'estimated at the initial state'
          call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked, by_part)
          if (looked) bounds%frequency = maxval(sums(:, 2)) + sqrt(maxval(sums(:, 1)))*sqrt(maxval(sums(:, 3)))
       end if
-      if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
+      if (.not. implicit .or. bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise == 0 .or. &
+          model%traits%nnoise > most_noises) return
       bounds%lipschitz_source = 'estimated at the initial state'
       bounds%nnoise = 0
       unit = 1
-      call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked)
+      if (known .or. by_part) call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked)
       if (looked) then
          force = maxval(sums(:, 1))
          velocity = maxval(sums(:, 3))
