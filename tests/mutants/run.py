@@ -154,12 +154,14 @@ class Test:
                 os.killpg(process.pid, signal.SIGKILL)  # with its child processes
             process.wait()
 
-    def is_sound(self) -> bool:
-        """Whether the test passes without a fault; tried once, and its duration then limits all later runs."""
+    def is_sound(self, environment: dict[str, str]) -> bool:
+        """Whether the test passes without a fault, in the environment of the right library; tried once, and its
+        duration then limits all later runs.
+        """
         with self.lock:
             if self.sound is None:
                 start = time.monotonic()
-                self.sound = self.passes({})
+                self.sound = self.passes(environment)
                 self.patience = patience_with(time.monotonic() - start)
         return self.sound
 
@@ -323,8 +325,12 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
         shutil.copytree(ROOT / "include", scratch / "include")
         (scratch / mutant.file).write_text(text)
         return {"SYMSDE_INCLUDE": str(scratch / "include")}
-    library = build.make_library(mutant, text, scratch)
-    # programs find the faulty library already loaded under the library's name; Python loads it by its path
+    return put_first(build.make_library(mutant, text, scratch))
+
+
+def put_first(library: Path) -> dict[str, str]:
+    """The variables with which programs find this library already loaded under the library's name; Python loads it by
+    its path. A test that fails with the right library put first would catch every fault."""
     return {"LD_PRELOAD": str(library), "SYMSDE_LIBRARY": str(library), "PYTHONPATH": str(ROOT / "python")}
 
 
@@ -332,14 +338,15 @@ def judge(mutant: Mutant, build: Build, named: bool) -> Verdict:
     """Plant the fault and run the suites, or the named test alone."""
     start = time.monotonic()
     caught_by, wrong = "", ""
+    right = put_first(build.folder / "libsymsde.so")
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
         try:
             environment = plant(mutant, build, Path(scratch))
             for name in build.order(mutant, named):
                 test = build.tests[name]
-                if name == mutant.test and not test.is_sound():
+                if name == mutant.test and not test.is_sound(right):
                     raise MisfitError(f"{mutant.label}\n   {name} fails without a fault")
-                if not test.passes(environment) and test.is_sound():
+                if not test.passes(environment) and test.is_sound(right):
                     caught_by = name
                     break
         except MisfitError as error:

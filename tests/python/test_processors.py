@@ -23,7 +23,9 @@ with dispatch.own_threads(1) as own:
 
 
 def counted(**settings):
-    clean = {name: value for name, value in os.environ.items() if not name.startswith(("OMP_", "SYMSDE_NUM", "GOMP_"))}
+    """What COUNT prints with these settings alone. A preloaded library would be bound before the first count."""
+    others = ("OMP_", "SYMSDE_NUM", "GOMP_", "LD_PRELOAD")
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(others)}
     done = subprocess.run(
         [sys.executable, "-c", COUNT], env=clean | settings, capture_output=True, text=True, check=True
     )
