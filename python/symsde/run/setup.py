@@ -482,7 +482,7 @@ class Lent(np.ndarray):
 
 
 def unchanged(increments: np.ndarray) -> np.ndarray:
-    """The increments of a run, for its analysis; refused if one of the sampled numbers is no longer the one that drove it."""
+    """The increments of a run, for its analysis; refused if a sampled number is no longer the one that drove it."""
     if isinstance(increments, Lent) and increments.seen is not None and (increments.sample() != increments.seen).any():
         raise IncompatibleError(
             "the increments of this run have been changed since: large arrays are not copied, so leave yours as it is "
