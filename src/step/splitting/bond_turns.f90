@@ -46,7 +46,6 @@ module symsde_step_splitting_bond_turns
       integer :: shown = 0                         !! the set in w; 0 = none
       real(wp), allocatable, dimension(:, :) :: less, across  !! cos theta - 1, sin theta of bonds (nlane, n)
       real(wp), allocatable, dimension(:) :: half, sine, cosine  !! (nlane)
-      logical :: is_still = .false.                !! strengths are the same at all times in all lanes
       logical :: is_read = .false.                 !! strengths are known, those of the time of a step
    contains
       procedure :: find_angles
@@ -67,7 +66,6 @@ contains
 
       call find_bonds(traits%ndof, traits%quadratic_part, self%bonds)
       call sort_noises(traits%touches, noisy, traits%nnoise, traits%ndof, .false., 0, self%sets)
-      self%is_still = traits%autonomous .and. .not. traits%by_path
       associate (n => traits%ndof, m => traits%nnoise, nbond => self%bonds%n, sets => self%sets)
          self%size_of = sqrt(self%bonds%c(1, :)**2 + self%bonds%c(2, :)**2)
          self%u = self%bonds%c
@@ -147,7 +145,7 @@ contains
       real(wp), intent(in), optional :: mean
       integer :: b, e
 
-      if (.not. (self%is_read .and. self%is_still)) call read_strengths(self, ham, t, nlane)
+      call read_strengths(self, ham, t, nlane)
       do b = 1, self%bonds%n
          self%half = 0
          do e = self%from(b) + 1, self%from(b + 1)
