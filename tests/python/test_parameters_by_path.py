@@ -336,6 +336,9 @@ def test_warnings_of_all_paths():
     s1[2730] = 40.0
     found = ss.simulate(model.with_parameters(s1=s1), **{**RUN, "steps": 8, "paths": 5000}).report.warnings
     assert any("with the parameters of value 2731) is so strong" in x for x in found)
+    for s1, share in (([40.0, 0.1], "up to"), ([0.1, 40.0], "up to"), ([40.0, 40.0], "about")):
+        found = ss.simulate(model.with_parameters(s1=s1), **{**RUN, "steps": 8, "paths": 2}).report.warnings
+        assert any(f", {share} 7.99854 of" in x and "is so strong" in x for x in found), (s1, found)
     assert not ss.simulate(model.with_parameters(omega=omega[:-1]), **{**RUN, "paths": 4999}).report.warnings
 
 

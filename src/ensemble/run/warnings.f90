@@ -215,10 +215,10 @@ contains
             bounds%frequency = here%frequency
             bounds%frequency_source = here%frequency_source//' with the parameters of value '//to_text(place + 1)
          end if
+         if (abs(here%lipschitz - bounds%lipschitz) > 0) bounds%on_some_paths = .true.
          if (here%lipschitz > bounds%lipschitz) then
             bounds%lipschitz = here%lipschitz
             bounds%nnoise = here%nnoise
-            bounds%on_some_paths = .true.
             bounds%lipschitz_source = here%lipschitz_source//' with the parameters of value '//to_text(place + 1)
          end if
       end do
