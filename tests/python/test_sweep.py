@@ -185,6 +185,17 @@ def test_stop():
     assert found.report.stopped and np.isnan(found.mean_q[-1, 0, 1]) and (seen[-1][1] == 200)
 
 
+def test_stop_within_values_that_run_together(monkeypatch):
+    """What was stopped is left out, beside the values before it, each in its place."""
+    monkeypatch.setattr(module, "_PATHS", 400)  # two values at a time, of which a block of 256 paths ends the first
+    given = {**RUN, "steps": 1, "save_every": 1, "paths": 200, "threads": 1}
+    whole = ss.sweep(model(), {"s": [0.1, 0.2, 0.3, 0.4]}, **given)
+    found = ss.sweep(model(), {"s": [0.1, 0.2, 0.3, 0.4]}, **given, progress=lambda done, _: done > 400)
+    assert found.report.stopped == 200 and (found.status[:3] == 0).all() and (found.status[3] == -1).all()
+    np.testing.assert_array_equal(found.mean_q[..., :3], whole.mean_q[..., :3])
+    assert (found.n_ok[:, 3] == 0).all() and np.isnan(found.mean_q[..., 3]).all()
+
+
 def test_files_and_figures(tmp_path):
     """Files and figures: dimensions of the parameters in xarray, rows of values in tables, a mean with its band."""
     found = ss.sweep(model(), {"omega": OMEGA, "s": S}, **RUN, paths=8, keep_paths=True)
