@@ -57,6 +57,16 @@ def test_split_is_found_and_solves_the_equation(nonlinear, noise):
     assert distance(near, close) < 3e-4
 
 
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "gauss_dkdkd_strong2"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_paths_have_their_bits_alone(scheme, sign):
+    """Forth and back in time: a path alone turns its planes side by side."""
+    given = {"scheme": scheme, "step": sign / 32, "steps": 8}
+    block = run(lattice(), **given)
+    alone = run(lattice(), **given, first_path=23, paths=1)
+    np.testing.assert_array_equal([alone.q[:, :, 0], alone.p[:, :, 0]], [block.q[:, :, 23], block.p[:, :, 23]])
+
+
 def test_values_of_parameters_change_the_split():
     model = lattice()
     for changed in ({"J": 0.2}, {"J": 0.0}, {"J": 1.0, "e2": 2.0}):
