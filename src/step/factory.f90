@@ -371,10 +371,11 @@ contains
       else if (.not. has_linear_law(task%scheme, task%model%traits, task%damping, noise_of_scheme)) then
          if (.not. task%damping%is_scalar()) then
             call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights '// &
-                        'of the closed system unless noises are constant in position and time')
+                        'of the closed system unless noises are constant in position and time, for all paths alike')
          else if (task%drifts_by_part() .and. task%damping_noise /= noise_polynomial) then
             call refuse('drifts of model '//task%model%name//' are flows of its quadratic part (split), so that '// &
-                        'kicks keep the weights of the closed system unless noises are constant in position and time')
+                        'kicks keep the weights of the closed system unless noises are constant in position and '// &
+                        'time, for all paths alike')
          else if (.not. can_choose(task%scheme)) then
             call refuse('scheme '//task%scheme%name//' has no kicks between free drifts that follow dZ')
          end if

@@ -137,6 +137,35 @@ def test_where_doubts_begin():
     assert [told(uneven, z, "gauss_dkdkd") for z in ([2.0, 2.0], [2.0, 2.5], [0.1, 0.2])] == [0, 1, 0]
 
 
+@pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "verlet_dz"])
+@pytest.mark.parametrize(
+    ("noise", "s", "count"),
+    [
+        (["-s*q1", "-q2"], 1.0, 0),
+        (["-s*q1", "-exp(-t)*q2"], 1.0, 1),
+        (["-s*q1 - q2"], 1.0, 1),
+        (["-s*q1", "-q2"], [1.0, 1.5], 1),
+    ],
+    ids=["constant", "in time", "of one noise", "by path"],
+)
+def test_noise_that_lacks_its_law_is_told(noise, s, count, scheme):
+    """Unequal rates: what dW and a of a step give p_1 from rest, whose mean square is to be (1 - exp(-2 z))/2z."""
+    model = ss.model_from_sympy("(p1**2 + p2**2)/2", noise, params={"s": s}).damped([2.0, 0.5])
+
+    def pushed(dw, a):
+        columns = np.zeros((1, 2 * model.nnoise))
+        columns[0, 0], columns[0, model.nnoise] = dw, a + dw / 2
+        how = {"q0": 0.0, "p0": 0.0, "step": 1.0, "steps": 1, "paths": np.size(s), "increments": columns}
+        sentences, run = doubts(lambda: ss.simulate(model, scheme=scheme, **how))
+        return sentences, run.p[-1, 0, 0] ** 2
+
+    (sentences, by_w), (again, by_a) = pushed(1, 0), pushed(0, 1)
+    ratio = (by_w + by_a / 12) * 4 / (1 - np.exp(-4))
+    assert len(sentences) == count and sentences == again
+    told = [float(re.search(r"at rest (\S+) times the right mean", text)[1]) for text in sentences] or [1.0]
+    assert told == pytest.approx([ratio], rel=1e-5)
+
+
 def test_kicks_that_blow_up_are_told():
     """The schemes of two kicks, such as gauss_dkdkd, are warned of beyond gamma h = 19; the last kick of other
     schemes is at the end of the step.

@@ -18,7 +18,7 @@ module symsde_ensemble_run_warnings
    use symsde_scheme_damped, only: temperature_of_weights
    use symsde_scheme_scheme, only: scheme_type, frame_rotation, splitting_form
    use symsde_step_open_kick_law, only: has_law
-   use symsde_step_open_linear_noise, only: has_linear_law
+   use symsde_step_open_linear_noise, only: gives_linear_law
    implicit none
    private
    public :: set_up_warnings
@@ -57,7 +57,7 @@ contains
       call find_largest_bounds(model, scheme, nlane, options%t0, q, p, .not. explicit, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
-      call warn_of_damping(text, scheme, model%traits, model%damping, options)
+      call warn_of_damping(text, scheme, model, model%traits, model%damping, options, nlane, q)
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
       if (time_rounding(options) > 0.01_wp) &
@@ -121,12 +121,15 @@ contains
    !> temperature of a free particle. Kicks with dZ and one rate of damping have the exact law and are judged by their
    !> size: if momenta decay for many decay times after the last kick, they keep only noise of that time, and only large
    !> and opposite kicks reproduce its law.
-   subroutine warn_of_damping(text, scheme, traits, damping, options)
+   subroutine warn_of_damping(text, scheme, model, traits, damping, options, nlane, q)
       character(:), allocatable, intent(inout) :: text
       type(scheme_type), intent(in) :: scheme
+      class(model_type), intent(in) :: model
       type(model_traits), intent(in) :: traits
       type(damping_type), intent(in) :: damping
       type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: q(nlane, traits%ndof)   !! the first position, in all lanes
       real(wp), parameter :: short = 0.25_wp      ! gamma h up to which the order of the scheme describes its errors
       real(wp), parameter :: most = 0.01_wp       ! largest relative error of the mean of p^2
       real(wp), parameter :: longest = 4          ! largest number of decay times after the last kick
@@ -161,7 +164,7 @@ contains
                      'noise become large and opposite; take verlet_kdk or chin4a, or a smaller step')
          return
       end if
-      if (has_linear_law(scheme, traits, damping, options%damping_noise)) return
+      if (gives_linear_law(model, scheme, options%damping_noise, options%t0, options%step, nlane, q)) return
       ratio = temperature_of_weights(scheme, z)
       if (abs(ratio - 1) > most) &
          call add(text, 'gamma*h = '//to_text(z)//' of the damping is large for '//scheme%name// &

@@ -22,16 +22,17 @@ module symsde_step_open_linear_noise
    use symsde_base_supports, only: noise_colours, sort_noises
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times
+   use symsde_model_abstract, only: model_type
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_noise_linear_law, only: integrate_noise, give_linear_law
    use symsde_scheme_kicks, only: kicks_type, flow_free, flow_rotation
-   use symsde_scheme_scheme, only: scheme_type, splitting_form, frame_shift
-   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   use symsde_scheme_scheme, only: scheme_type, correction_none, splitting_form, frame_shift
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_open_linear_flow, only: damped_field
    use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: linear_noise, new_linear_noise, has_linear_law
+   public :: linear_noise, new_linear_noise, has_linear_law, gives_linear_law
 
    integer, parameter :: largest = 64   !! degrees of freedom, and noises, of a part
    integer, parameter :: most = 4096    !! degrees of freedom with a mass that is not diagonal
@@ -63,7 +64,7 @@ module symsde_step_open_linear_noise
 
 contains
 
-   !> Whether steps of a scheme give the noise of a linear drift its law by this module.
+   !> Whether steps of a scheme give the noise of a linear drift its law by this module, as far as traits tell.
    pure logical function has_linear_law(scheme, traits, damping, noise)
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
@@ -75,10 +76,41 @@ contains
       rotates = kicks .and. scheme%kicks%flow == flow_rotation
       if (kicks .and. scheme%kicks%flow == flow_free) rotates = allocated(traits%quadratic_part)
       has_linear_law = damping%acts() .and. damping%is_constant() .and. traits%noise_is_constant() .and. &
+                       .not. traits%by_path .and. &
                        scheme%asks%has(path_dz) .and. noise /= noise_path .and. noise /= noise_polynomial .and. &
                        (rotates .or. .not. damping%is_scalar()) .and. &
                        (scheme%frame == frame_shift .or. rotates .or. (kicks .and. scheme%kicks%flow == flow_free))
    end function has_linear_law
+
+   !> Whether steps of length h from this position give all noise of a model its law.
+   logical function gives_linear_law(model, scheme, noise, t, h, nlane, q) result(gives)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in), target :: scheme
+      integer, intent(in) :: noise   !! an enumerator of base/damping
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, h, q(nlane, model%traits%ndof)
+      type(linear_noise), allocatable :: rest
+      type(one_step_hamiltonian) :: ham
+      type(stepper_task) :: task
+      integer :: l
+
+      task%model => model
+      task%scheme => scheme
+      task%damping = model%damping
+      task%damping_noise = noise
+      task%nlane = nlane
+      call new_linear_noise(rest, task)
+      gives = allocated(rest)
+      if (.not. gives) return
+      call new_one_step_hamiltonian(ham, model, nlane, correction_none, 0.0_wp)
+      call rest%look(ham, t, q)
+      gives = allocated(rest%part)
+      if (.not. gives) return
+      call rest%prepare(h)
+      do l = 1, size(rest%part)
+         gives = gives .and. allocated(rest%part(l)%rest)
+      end do
+   end function gives_linear_law
 
    !> The noise for the steps of a task; not allocated where the law is not this module's, or the noise changes in time.
    subroutine new_linear_noise(self, task)
@@ -122,7 +154,7 @@ contains
 
       if (.not. associated(step%of(path_dz)%x)) return  ! no noise has an effect
       if (.not. self%looked) call self%look(ham, step%t, q)
-      if (.not. self%looked) return
+      if (.not. allocated(self%part)) return
       if (abs(step%h - self%h) > 0) call self%prepare(step%h)
       do l = 1, size(self%part)
          associate (part => self%part(l))
@@ -150,8 +182,8 @@ contains
       end do
    end subroutine add_rest
 
-   !> Find the parts at the position of some path; without a finite position the next call tries again. Models that
-   !> differ between paths have no parts.
+   !> Find the parts at the position of some path; without a finite position the next call tries again. Models of too
+   !> many masses that are not diagonal have no parts.
    subroutine look(self, ham, t, q)
       class(linear_noise), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -171,9 +203,8 @@ contains
       end do
       if (lane > ham%nlane) return
       self%looked = .true.
-      allocate (self%part(0))
       associate (traits => ham%model%traits, n => ham%ndof)
-         if (traits%by_path .or. .not. (allocated(self%field) .or. traits%has_diagonal_mass() .or. n <= most)) return
+         if (.not. (allocated(self%field) .or. traits%has_diagonal_mass() .or. n <= most)) return
          x(1, :) = q(lane, :)
          w = 0
          w(1, 0) = 1
@@ -272,7 +303,6 @@ contains
          if (number(i) > 0) ndof(number(i)) = ndof(number(i)) + 1
          if (number(i) > 0) at(i) = ndof(number(i))
       end do
-      deallocate (self%part)
       allocate (self%part(l))
       do l = 1, size(self%part)
          if (max(ndof(l), nnoise(l)) > largest) cycle
