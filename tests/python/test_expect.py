@@ -19,6 +19,7 @@ from symsde.answers.expectation.interval import Tally
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.expectation.trial import Trial
 from symsde.answers.expectation.watch import Watch
+from symsde.run.simulate import Run
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
@@ -340,6 +341,20 @@ def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
         ss.errors.NumericalError, match="antithetic needs noise, one initial state, no truncation, and a scheme that"
     ):
         ss.expect(nonlinear, "q", **PLACE, abs=1e-2, method="antithetic", scheme="chin4a")
+
+
+def test_paths_of_all_levels_are_told(nonlinear, monkeypatch):
+    """Those of both steps of a change of f."""
+    ran = []
+
+    def counted(execution, work=Execution._multilevel, fill=Run.fill):
+        with monkeypatch.context() as patch:
+            patch.setattr(Run, "fill", lambda run, *given: ran.append(run.setup.paths) or fill(run, *given))
+            return work(execution)
+
+    monkeypatch.setattr(Execution, "_multilevel", counted)
+    answer = ss.expect(nonlinear, "q**2", **PLACE, abs=0.1, method="multilevel", scheme="gauss_dkdkd")
+    assert answer.paths == sum(ran) > 256
 
 
 def work_of(nonlinear, seconds: float, **more) -> Execution:

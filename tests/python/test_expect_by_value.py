@@ -65,9 +65,9 @@ def test_two_parameters():
 
 def test_folders(tmp_path):
     """A folder for each value keeps its work: a second call draws nothing."""
-    model = ss.models.kubo(sigma=SIGMA[:2])
+    model = ss.models.kubo(sigma=SIGMA)
     first = ss.expect(model, "q", groups="sigma", out=tmp_path, **PLACE)
-    assert sorted(x.name for x in tmp_path.iterdir()) == ["value-1", "value-2"]
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["value-1", "value-2", "value-3"]
     shards = {x: x.stat().st_mtime_ns for x in tmp_path.rglob("*") if "shard" in str(x)}
     again = ss.expect(model, "q", groups="sigma", out=tmp_path, **PLACE)
     assert np.array_equal(first.value, again.value)
