@@ -203,6 +203,16 @@ def test_advice_ends_in_time_with_what_it_knows(seconds, monkeypatch):
     assert time.process_time() - begin < seconds + 3 * first
 
 
+def test_claimed_orders_are_those_of_the_noise():
+    """Steps are foretold by the strong order for the noises of the model, the weak one, or the one without noise."""
+    claimed = {"chin4a": ((3, 3, 4), (1.5, 3, 4)), "gauss_dkdkd": ((2, 2, 2), (1.5, 2, 2))}
+    for scheme, wanted in claimed.items():
+        for model, orders in zip((ss.models.linear_oscillator(), ss.models.synchrotron()), wanted, strict=True):
+            problem = make_problem(model, "q", q0=1.0, p0=0.0, horizon=1.0)
+            found = [kind(problem).claimed(as_scheme(scheme)) for kind in (Paths, Moments, Invariants)]
+            assert found == list(orders), (scheme, model.name)
+
+
 def test_the_cheapest_measurements_come_first(monkeypatch):
     """Implicit steps of a chain wait until explicit ones have an answer, and are then given up unmeasured or early."""
     told = []
