@@ -40,6 +40,13 @@ def stiff(damping=None, **values):
     return made("p**2/2 + w**2*q**2/2 + c*q**2 + q**4/4", ["s*sin(q)", "-0.2*q"], damping, values)
 
 
+def springs(damping=None, **values):
+    """Two stiff springs, with a parameter each and a common one, which a soft one couples."""
+    values = {"w": 1.8, "v": 1.1, "c": 0.4} | values
+    formula = "(p1**2 + p2**2)/2 + w**2*q1**2/2 + (v**2/2 + c*w)*q2**2 + q1**2*q2**2/4"
+    return made(formula, ["0.3*sin(q1)", "-0.2*q2"], damping, values)
+
+
 def bent(damping=None, **values):
     """H that no splitting into drifts and kicks fits."""
     values = {"a": 0.3, "s": 0.3} | values
@@ -103,6 +110,12 @@ def test_mass_and_folded_values(damping):
 def test_rotations(scheme, damping):
     """Rotations by frequencies that depend on parameters, decaying or overdamped."""
     require_gradient(stiff, damping, scheme=scheme)
+
+
+@pytest.mark.parametrize("damping", [None, 0.4])
+def test_rotations_of_two_springs(damping):
+    """Each degree of freedom turns by its own frequency, with derivatives of its own."""
+    require_gradient(springs, damping, scheme="gauss_dkdkd_rotation", q0=np.array([0.7, 0.4]))
 
 
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd_midpoint", "verlet_kdk_midpoint"])
