@@ -165,6 +165,18 @@ def test_laws_of_more_dimensions_than_normals():
     np.testing.assert_allclose(covariance_of(noise, 1.0), exact, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("ratio", [0.3, 1 / 3, 1.1])
+@pytest.mark.filterwarnings("ignore:gamma")
+def test_noises_that_push_alike_are_one(ratio):
+    """Two noises have as many normals as one where one is a multiple of the other: what cancels in them moves nothing,
+    and rounding is not taken for the direction of a further normal."""
+    push = {"a": 0.7, "b": 0.37, "c": 0.7 * ratio, "d": 0.37 * ratio}
+    model = ss.model_from_sympy("(p1**2 + p2**2)/2", ["-a*q1 - b*q2", "-c*q1 - d*q2"], params=push).damped([2.0, 0.5])
+    opposite = np.array([[ratio, -1.0, ratio / 2, -0.5]])
+    run = ss.simulate(model, scheme="gauss_dkdkd", q0=0.0, p0=0.0, step=1.0, steps=1, increments=opposite)
+    np.testing.assert_allclose([run.q[-1], run.p[-1]], 0, rtol=0, atol=1e-14)
+
+
 def test_paths_are_those_of_blocks():
     """One path has the bits of a path among many; law3 asks for K. Refused: the path's own noise, for which there is no
     rule of merging.
