@@ -342,6 +342,11 @@ static void test_noise_paths(void) {
       for (int i = 0; i < PATHS; i++)
          CHECK(a.q[n * PATHS + i] == b.q[n * PATHS + i % 70]);
    CHECK(a.q[PATHS + 70] != b.q[PATHS + 70]);
+   static double dw[STEPS][PATHS];
+   OK(symsde_increments(model, NULL, &options, &dw[0][0], &error));
+   for (int n = 0; n < STEPS; n++)
+      for (int i = 70; i < PATHS; i++)
+         CHECK(dw[n][i] == dw[n][i % 70]);
    symsde_model_delete(&model);
 }
 

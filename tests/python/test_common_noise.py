@@ -32,6 +32,16 @@ def test_increments_of_path_0_in_every_path(noises, refine, paths):
     np.testing.assert_array_equal(run.q, again.q)
 
 
+def test_more_noises_than_are_drawn_at_once():
+    """Noises of one's own beside common ones, which came before them in the same places of the generator."""
+    model, noises = ss.models.fpu_chain(n=100), list(range(1, 65))
+    options = {"q0": 0.1, "p0": 0.0, "step": 0.05, "steps": 2, "seed": 7, "paths": 3, "first_path": 500}
+    plain = diagnose.driving_increments(ss.simulate(model, **options))
+    first = diagnose.driving_increments(ss.simulate(model, **{**options, "first_path": 0, "paths": 1}))
+    given = diagnose.driving_increments(ss.simulate(model, **options, common_noise=noises))
+    np.testing.assert_array_equal(given, shared(plain, first, noises))
+
+
 @pytest.mark.parametrize("scheme", ["gauss2_strong32", "chin4a", "midpoint_areas", "gauss2_weak2"])
 def test_a_part_of_the_paths_has_the_bits_of_the_whole(scheme):
     model = ss.models.noncommutative_oscillator() if scheme == "midpoint_areas" else MODEL
