@@ -153,6 +153,20 @@ def test_decoupled_sites_have_the_bits_of_one():
     np.testing.assert_array_equal(many.q[:, 6:8], many.q[:, :2])
 
 
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize("ends", ["fixed", "free", "periodic"])
+@pytest.mark.filterwarnings("ignore::symsde.errors.DoubtfulRunWarning")
+def test_steps_are_judged_by_what_kicks_have(ends):
+    """Springs whose flow is exact do not count as fast: omega^2 is b q^2 of the wells between them."""
+    springs, wells = "Sum(p[i]**2/2 + k*(q[i+1]-q[i])**2/2, i)", "Sum(b*q[i]**4/12, i)"
+    values = {"k": 400.0, "b": 0.3}
+    model = ss.model_from_sympy(f"{springs} + {wells}", ["0.1*sin(q[j])"], params=values, n=8, ends=ends, split=springs)
+    how = {"q0": 0.5, "p0": 0.0, "step": 0.1, "steps": 1, "scheme": "gauss_dkdkd"}
+    assert ss.simulate(model, **how).report.warnings == ()
+    told = ss.simulate(model.with_parameters(b=3000.0), **how).report.warnings
+    assert told[0].startswith(f"h*omega = {np.sqrt(7.5):.6g} ")
+
+
 def test_what_is_refused():
     magnet = Magnet(False)
     given = {"q0": [1.0, 0.0], "p0": [0.0, 0.5], "step": 0.1, "steps": 2}

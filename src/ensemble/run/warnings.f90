@@ -296,7 +296,10 @@ contains
       real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
       type(kernel_offers) :: offers
       integer :: m, b, i, d
+      logical :: parted
 
+      parted = .false.
+      if (present(by_part)) parted = by_part
       offers = offers_of(model)
       sums = 0
       m = model%traits%nnoise
@@ -304,7 +307,7 @@ contains
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
       call look_at(k, w)
-      if (offers%rows_of_one) then  ! H = p.p/2 + U(q)
+      if (offers%rows_of_one .and. .not. parted) then  ! H = p.p/2 + U(q)
          call sum_rows(model, nlane, n, m, t, w, q, p, sums(:, 1))
          if (k == 0) sums(:, 3) = 1
          return
@@ -313,11 +316,9 @@ contains
          allocate (aqq(nlane, n, n), app(nlane, n, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
          call model%hessian(nlane, n, m, t, w, q, p, aqq, aqp, app)
-         if (present(by_part)) then
-            if (by_part) then
-               aqq(1, :, :) = aqq(1, :, :) - model%traits%quadratic_part(:n, :n)
-               if (allocated(aqp)) aqp = 0
-            end if
+         if (parted) then
+            aqq(1, :, :) = aqq(1, :, :) - model%traits%quadratic_part(:n, :n)
+            if (allocated(aqp)) aqp = 0
          end if
          sums(:, 1) = sum(abs(aqq(1, :, :)), dim=2)
          sums(:, 3) = sum(abs(app(1, :, :)), dim=2)
@@ -326,15 +327,13 @@ contains
          allocate (aqq(nlane, -b:b, n), app(nlane, -b:b, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, -b:b, n))
          call model%hessian_banded(nlane, n, m, b, t, w, q, p, aqq, aqp, app)
-         if (present(by_part)) then
-            if (by_part) then
-               do i = 1, n
-                  do d = max(1 - i, -b), min(n - i, b)
-                     aqq(1, d, i) = aqq(1, d, i) - model%traits%quadratic_part(i, i + d)
-                  end do
+         if (parted) then
+            do i = 1, n
+               do d = max(1 - i, -b), min(n - i, b)
+                  aqq(1, d, i) = aqq(1, d, i) - model%traits%quadratic_part(i, i + d)
                end do
-               if (allocated(aqp)) aqp = 0
-            end if
+            end do
+            if (allocated(aqp)) aqp = 0
          end if
          call sum_bands(nlane, 2*b + 1, n, aqq, sums(:, 1))
          call sum_bands(nlane, 2*b + 1, n, app, sums(:, 3))
