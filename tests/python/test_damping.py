@@ -122,6 +122,16 @@ def test_implicit_stages_agree_with_the_oracle(scheme):
             np.testing.assert_array_equal(fast.p[..., 7], alone.p[..., 0])
 
 
+@pytest.mark.parametrize("paths", [1, 40])
+@pytest.mark.filterwarnings("ignore::symsde.errors.DoubtfulRunWarning")
+def test_stiff_chains_agree_with_the_oracle(paths):
+    """In steps too long for the equation of V, dq is the unknown, and half of the decay comes before."""
+    how = {"q0": 3 * np.sin(3.0 * np.arange(32)), "p0": 1.0, "step": 1.0, "steps": 6, "seed": 2, "paths": paths}
+    fast, plain = (ss.simulate(ss.models.fpu_chain(n=32).damped(RATE), general=g, **how) for g in (False, True))
+    assert fast.report.stepper == "midpoint, momenta eliminated, tridiagonal, damped"
+    np.testing.assert_allclose([fast.q, fast.p], [plain.q, plain.p], rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("noise", ["0.3*q*p", "0.3*q**2"])
 def test_lanes_that_are_gathered_keep_their_decays(noise):
     """Of a block the lanes that need more corrections are finished in a small one, with the bits of single paths."""

@@ -130,6 +130,24 @@ def eigen(second):
     return values, vectors.T
 
 
+@pytest.mark.parametrize("step", [0.7, -0.7])
+def test_a_matrix_of_friction_acts_on_velocities(step):
+    """p' = -K q - Gamma M^-1 p with matrices that do not commute, exactly."""
+    spring, inverse, friction = (np.array(x) for x in ([[1.2, 0.2], [0.2, 0.6]], [[1, 0.3], [0.3, 0.7]],
+                                                       [[0.5, -0.2], [-0.2, 0.9]]))  # fmt: skip
+    zero = np.zeros((2, 2))
+    second = np.block([[spring, zero], [zero, inverse]])
+
+    def gradient(t, w, q, p):
+        return w[0] * (spring @ q), w[0] * (inverse @ p)
+
+    model = ss.Model(ndof=2, nnoise=0, gradient=gradient, split=second, constant_mass=True, separable=True)
+    how = {"q0": [0.4, -0.3], "p0": [0.2, 0.9], "step": step, "steps": 3, "scheme": "gauss_dkdkd"}
+    run = ss.simulate(model.damped(friction), **how)
+    flow = reference.exponential(3 * step * np.block([[zero, inverse], [-spring, -friction @ inverse]]))
+    np.testing.assert_allclose([*run.q[-1, :, 0], *run.p[-1, :, 0]], flow @ [0.4, -0.3, 0.2, 0.9], rtol=0, atol=1e-14)
+
+
 def test_decoupled_sites_have_the_bits_of_one():
     """A site in a field of its own has the same bits among 20 others: no rotation has more sites than are coupled."""
     count = 21
