@@ -17,6 +17,7 @@ from .native.checks import address
 from .native.progress import Monitor
 from .run.bath_law import BathLaw, bath_law
 from .run.exact_moments import ExactMoments, exact_moments
+from .run.gradient import part_of
 from .run.setup import Setup, increments_array, make_options, make_setup, unchanged
 from .run.simulate import Run
 from .run.step import increments_at, of_options
@@ -59,7 +60,8 @@ def symplecticity(
 
     by: "differences" of eighth order, over 1/32, of the steps that a run takes, which find what its code does; or
     "tangent", the exact derivative of the step from the Hessian of the model (`tangent`), also where forces change
-    within 1/32 or where paths fail nearby. It takes the step's equations as solved, and schemes as `tangent` does.
+    within 1/32 or where paths fail nearby. It takes the step's equations as solved, and schemes as `tangent` does; and
+    parameters that go by path, one for each point.
 
     Of a model damped by one rate it is the distance from exp(-gamma h) J. Of a model with forces it says what the force
     does to the form in a step, and is no defect of the scheme: to first order h (F_q^T - F_q) and -h F_p J, where F_q
@@ -92,9 +94,11 @@ def _by_tangent(model: Model, dw: Any, given: dict[str, Any]) -> np.ndarray:
             "give one rate"
         )
     n = model.ndof
-    found = take_vectors(setup, wide_model(model, [], thirds=setup.kicks), np.eye(2 * n), progress=False)
+    wide, positions = wide_model(model, [], thirds=setup.kicks)
+    start = np.concatenate((np.eye(2 * n), np.zeros((len(positions), 2 * n))))
+    found = take_vectors(setup, (wide, positions), start, progress=False)
     J = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
-    m = found.v.transpose(2, 0, 1)  # the transpose of M at each point
+    m = found.v[: 2 * n].transpose(2, 0, 1)  # the transpose of M at each point
     factor = np.exp(-model.damping[0] * setup.options.step) if model.damping else 1.0
     return abs(m @ J @ m.transpose(0, 2, 1) - factor * J).max(axis=(1, 2))
 
@@ -206,6 +210,10 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     q, p = np.empty(shape), np.empty(shape)
     if setup.increments is not None:
         unchanged(setup.increments)
+    if setup.model.paths:
+        for i in range(setup.paths):
+            q[..., i : i + 1], p[..., i : i + 1] = exact_of(part_of(setup, slice(i, i + 1)))
+        return q, p
     arrays = (ctypes.byref(setup.input()), address(q), address(p))
     _call("exact_solution", setup.model, setup.scheme, setup.options, *arrays)
     return q, p

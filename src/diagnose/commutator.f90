@@ -31,6 +31,7 @@ module symsde_diagnose_commutator
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type, default_step
+   use symsde_model_probe_one_path, only: one_path
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type
@@ -41,6 +42,7 @@ module symsde_diagnose_commutator
    real(wp), parameter :: vanishing = 1e-6_wp  !! relative size below which a gradient counts as zero
    real(wp), parameter :: later(3) = [0.0137_wp, 0.61_wp, 1.93_wp] !! times after t at which H_k may have changed [time]
    integer, parameter :: npattern = 8          !! number of changes of sign
+   integer(i8), parameter :: most_paths = 64   !! paths with parameters of their own that are looked at
 
    !> Sample points, and the time.
    type :: sample_points
@@ -60,19 +62,19 @@ module symsde_diagnose_commutator
 
 contains
 
-   !> Brackets at the points (q, p) and time t. Errors: wrong_shape; stopped, by the monitor, which is called before
-   !> each bracket.
+   !> Brackets at the points (q, p) and time t; where parameters go by path, the largest of all paths, or of as many as
+   !> are looked at, at equal distances. Errors: wrong_shape; stopped, by the monitor, which is called before each
+   !> bracket.
    subroutine commutator(model, t, q, p, result, error, monitor)
-      class(model_type), intent(in) :: model
+      class(model_type), intent(in), target :: model
       real(wp), intent(in) :: t                  !! time [time]
       real(wp), intent(in) :: q(:, :), p(:, :)   !! sample points (npoint, ndof)
       type(commutator_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error
       class(monitor_type), intent(inout), optional :: monitor
       type(sample_points) :: points
-      real(wp) :: size_kl
-      integer(i8) :: done, nbracket
-      integer :: j, k
+      type(one_path) :: path
+      integer(i8) :: i, n, done, nbracket
 
       call model%require_gradient('commutator', 'a bracket of Hamiltonians', error)
       if (allocated(error)) return
@@ -93,7 +95,35 @@ contains
       allocate (points%q, source=q)
       allocate (points%p, source=p)
       done = 0
-      nbracket = int(model%traits%nnoise, i8)*(model%traits%nnoise + 1)/2
+      call path%begin(model)
+      n = min(path%count, most_paths)
+      nbracket = n*model%traits%nnoise*(model%traits%nnoise + 1)/2
+      do i = 0, n - 1
+         if (i > 0) call path%look_at(i*(path%count - 1)/(n - 1), 1)
+         call add_brackets(path%model, points, done, nbracket, result, error, monitor)
+         if (allocated(error)) exit
+      end do
+      call path%finish()
+      if (allocated(error)) return
+      result%commutative = result%noise <= vanishing
+      ! Damping does not commute with any noise but those that move nothing.
+      result%flows_commute = result%commutative .and. result%drift <= vanishing .and. .not. model%damping%acts()
+      call expect_orders(model%traits%nnoise, model%damping%acts(), associated(model%forces), &
+                         model%traits%forces%in_position(), model%traits, result)
+   end subroutine commutator
+
+   !> Let a result have the brackets of this model where they are larger than those of models before.
+   subroutine add_brackets(model, points, done, nbracket, result, error, monitor)
+      class(model_type), intent(in) :: model
+      type(sample_points), intent(in) :: points
+      integer(i8), intent(inout) :: done
+      integer(i8), intent(in) :: nbracket
+      type(commutator_type), intent(inout) :: result
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
+      real(wp) :: size_kl
+      integer :: j, k
+
       do k = 1, model%traits%nnoise
          ! j = 0 is the drift H, paired with every noise; j > 0 are the pairs of noises.
          do j = 0, k - 1
@@ -117,12 +147,7 @@ contains
          ! itself.
          result%drift = max(result%drift, change_in_time(model, points, k))
       end do
-      result%commutative = result%noise <= vanishing
-      ! Damping does not commute with any noise but those that move nothing.
-      result%flows_commute = result%commutative .and. result%drift <= vanishing .and. .not. model%damping%acts()
-      call expect_orders(model%traits%nnoise, model%damping%acts(), associated(model%forces), &
-                         model%traits%forces%in_position(), model%traits, result)
-   end subroutine commutator
+   end subroutine add_brackets
 
    !> Whether the traits say that the bracket of two noises vanishes: both are functions of q, or they touch no common
    !> degree of freedom.

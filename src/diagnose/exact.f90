@@ -210,6 +210,7 @@ contains
       integer :: k
 
       call model%refuse_forces('exact_solution', 'the exact solution', error)
+      call model%refuse_paths('exact_solution', 'the exact solution', error)
       call model%require_gradient('exact_solution', 'the exact solution', error)
       if (allocated(error)) return
       if (model%damping%acts()) then

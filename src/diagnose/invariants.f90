@@ -54,6 +54,7 @@ contains
       real(wp), allocatable :: w(:, :), qn(:, :), pn(:, :), value(:)
       integer :: n
 
+      call model%refuse_paths('energy', 'the energy', error)
       if (allocated(error)) return
       if (.not. model%traits%has_value) then
          call raise(error, missing_operation, 'energy', 'the model has gradients only: give it '// &

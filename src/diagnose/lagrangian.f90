@@ -124,6 +124,7 @@ contains
       ! Refuse schemes without an action before anything is allocated.
       call check_scheme(scheme, error)
       call model%damping%refuse(model%name, 'new_discrete_lagrangian', 'the discrete action', error)
+      call model%refuse_paths('new_discrete_lagrangian', 'the discrete action', error)
       call model%require_gradient('new_discrete_lagrangian', 'the discrete action', error)
       if (allocated(error)) return
       call resolve_correction(correction, model, scheme, options%correction, error)

@@ -87,6 +87,7 @@ contains
       real(wp) :: loss   !! c - 1, where c is the factor of J
       integer :: i
 
+      call model%refuse_paths('symplecticity_defect', 'the tangent map of a step by differences', error)
       if (allocated(error)) return
       loss = 0
       if (.not. model%damping%shrinks_alike()) then
@@ -134,6 +135,7 @@ contains
       real(wp), allocatable :: d(:, :, :)
       integer :: i, j, n
 
+      call model%refuse_paths('tangent_map', 'the tangent map of a step by differences', error)
       if (allocated(error)) return
       steps%q => q
       steps%p => p

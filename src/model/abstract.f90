@@ -52,6 +52,7 @@ module symsde_model_abstract
       procedure :: note_failure => nothing_to_note
       procedure :: set_forces
       procedure :: refuse_forces
+      procedure :: refuse_paths
       procedure :: require_gradient
       procedure :: calls_users
       procedure :: force
@@ -273,6 +274,19 @@ contains
          call raise(error, incompatible, place, 'forces act on model '//self%name//', and '//what//' is that of a '// &
                     'system without them: use the model without forces')
    end subroutine refuse_forces
+
+   !> Refuse a model whose paths have parameters of their own (incompatible), in procedures that evaluate one model for
+   !> all paths.
+   subroutine refuse_paths(self, place, what, error)
+      class(model_type), intent(in) :: self
+      character(*), intent(in) :: place   !! the procedure
+      character(*), intent(in) :: what    !! the quantity that is computed for one model
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (self%traits%npath > 0 .and. .not. allocated(error)) &
+         call raise(error, incompatible, place, 'parameters of model '//self%name//' differ from path to path, and '// &
+                    what//' is found for one model: give the parameters of one path')
+   end subroutine refuse_paths
 
    !> Refuse a model without gradients, of which flows of two parts of H are all that is given (missing_operation).
    subroutine require_gradient(self, place, what, error)

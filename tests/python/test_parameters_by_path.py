@@ -342,6 +342,58 @@ def test_warnings_of_all_paths():
     assert not ss.simulate(model.with_parameters(omega=omega[:-1]), **{**RUN, "paths": 4999}).report.warnings
 
 
+EXACT = {
+    "kubo": lambda s: ss.models.kubo(a=s),
+    "built in": lambda s: ss.models.linear_oscillator(sigma=s),
+    "damped": lambda s: ss.models.linear_oscillator(sigma=s).damped(0.4),
+    "formula": lambda s: ss.model_from_sympy("p**2/2 + s*q**2/2", ["-0.3*q"], params={"s": s}),
+}
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_exact_solutions_of_each_path(name):
+    """Each path has the exact solution of its own parameters."""
+    make, values, run = EXACT[name], np.array([0.4, 1.3, 0.7]), {**RUN, "save_every": 6}
+    q, p = ss.diagnose.exact(ss.simulate(make(values), **run, paths=3))
+    for i, x in enumerate(values):
+        alone = {**run, "first_path": run["first_path"] + i, "paths": 1}
+        array, number = (ss.diagnose.exact(ss.simulate(make(s), **alone)) for s in ([x], x))
+        assert np.array_equal([y[..., 0] for y in array], [q[..., i], p[..., i]])
+        beyond_k = 1e-5 if name == "built in" else 1e-13  # with further normals in two forms of one law
+        np.testing.assert_allclose(array, number, rtol=0, atol=beyond_k)
+    assert np.ptp(q[-1]) > 0.01
+
+
+def test_results_of_one_model():
+    """Tangents are those of each path, or of an array of one; what has no path is refused, where paths differ."""
+    model, values = ss.model_from_sympy("p**2/2 + s*q**4/4", ["0.2*s*q**2"], params={"s": 1.0}), [0.5, 1.0, 1.5]
+    arrays, numbers = model.with_parameters(s=values), [model.with_parameters(s=x) for x in values]
+    at = {"q": 0.5, "p": 0.1, "step": 0.3, "dw": np.full((1, 3), 0.2)}
+    defects = ss.diagnose.symplecticity(arrays, "heun", by="tangent", **at)
+    wanted = [ss.diagnose.symplecticity(x, "heun", by="tangent", **at)[i] for i, x in enumerate(numbers)]
+    np.testing.assert_allclose(defects, wanted, rtol=1e-12)
+    assert np.ptp(wanted) > 1e-3
+    asked = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 40}
+    one, other = (ss.lyapunov(model.with_parameters(s=s), **asked).exponents for s in ([1.0], 1.0))
+    np.testing.assert_allclose(one, other, rtol=1e-12)
+    ends = {"q_start": 0.0, "q_end": 0.3, "step": 0.1, "steps": 5, "paths": 3}
+    linear = ss.models.linear_oscillator(sigma=values)
+    for call in (
+        lambda: ss.diagnose.symplecticity(arrays, **at),
+        lambda: ss.diagnose.stationary_path(arrays, **ends),
+        lambda: ss.diagnose.exact_moments(linear, q0=0.0, p0=0.0, t=1.0),
+    ):
+        with pytest.raises(IncompatibleError, match="differ from path to path"):
+            call()
+
+
+def test_brackets_of_all_paths():
+    """Noises commute where those of every path do."""
+    model = ss.model_from_sympy("p**2/2 + q**2/2", ["s*p**2/2", "0.2*q**2"], params={"s": 0.0})
+    for values, commutative in (([0.0, 0.0], True), ([0.0, 0.5], False), ([0.5, 0.0], False)):
+        assert ss.commutator(model.with_parameters(s=values)).commutative == commutative
+
+
 def test_areas_of_all_paths():
     """Areas by the path are refused where paths halve their steps differently often, and each path has its own bits
     where they do not."""

@@ -35,7 +35,8 @@ class Commutator:
 def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Commutator:
     """Test whether the noises commute, by the gradients of their Poisson brackets {F,G} = F_q.G_p - F_p.G_q.
 
-    q, p: sample points, a number, (dof,) or (dof, point); by default 16 points spread over [-1.5, 1.5].
+    q, p: sample points, a number, (dof,) or (dof, point); by default 16 points spread over [-1.5, 1.5]. Of parameters
+    that go by path those of up to 64 paths are tried.
     """
     require_model(model)
     if (q is None) != (p is None):

@@ -51,6 +51,11 @@ def exact_moments(
     """
     require_model(model)
     require_unforced(model, "exact moments are those")
+    if model.paths:
+        raise IncompatibleError(
+            f"parameters of model {model.name} differ from path to path, and exact moments are those of one model: "
+            "give numbers, by model.with_parameters"
+        )
     start = checks.finite("t0", t0)
     times = np.atleast_1d(np.asarray(checks.real_array("t", t), dtype=float))
     if times.ndim != 1 or not len(times) or (np.diff([start, *times]) < 0).any():

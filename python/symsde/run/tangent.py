@@ -149,6 +149,9 @@ def lyapunov(
         raise InvalidArgumentError("steps = 0: exponents are rates over a time, give at least one step")
     if model.paths:
         _refuse_arrays(model)
+    if arrays := {name: x.item() for name, x in model.parameters.items() if isinstance(x, np.ndarray)}:
+        model = model.with_parameters(**arrays)
+        setup = dataclasses.replace(setup, model=model)
     wide = wide_model(model, [], thirds=setup.kicks)
     start = np.zeros((count, 2 * model.ndof))
     for k in range(count):  # p_1, q_1, p_2, q_2, ..: the first two span a plane that the flow turns
