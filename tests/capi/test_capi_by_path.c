@@ -34,6 +34,18 @@ static int plain_gradient(int nlane, int ndof, int nham, double t, const double 
    return 0;
 }
 
+/* H = p^2/2 + q^2/2, H_1 = -q cos((k - 1) t) */
+static int in_time(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                   double *hq, double *hp, void *user) {
+   const symsde_lanes *lanes = user;
+   (void)ndof, (void)nham;
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = w[i] * q[i] - w[nlane + i] * cos((lanes->parameters[i] - 1) * t);
+      hp[i] = w[i] * p[i];
+   }
+   return 0;
+}
+
 static symsde_model new_oscillator(symsde_gradient function, double *user) {
    symsde_model model = NULL;
    symsde_traits traits;
@@ -350,6 +362,22 @@ static void test_noise_paths(void) {
    symsde_model_delete(&model);
 }
 
+/* the noise of the last path alone changes in time */
+static void test_noise_in_time(void) {
+   symsde_model model = new_oscillator(in_time, NULL);
+   symsde_options options = some_options();
+   double rates[PATHS], last = 3;
+   for (int i = 0; i < PATHS; i++)
+      rates[i] = i == PATHS - 1 ? last : 1;
+   OK(symsde_model_set_parameters(model, 1, PATHS, rates, &error));
+   run(model, "verlet_dz", &options, &a);
+   OK(symsde_model_set_parameters(model, 1, 1, &last, &error));
+   run(model, "verlet_dz", &options, &b);
+   for (int n = 0; n < NTIME; n++)
+      CHECK(a.q[n * PATHS + PATHS - 1] == b.q[n * PATHS + PATHS - 1]);
+   symsde_model_delete(&model);
+}
+
 int main(void) {
    const char *schemes[] = {"midpoint", "stormer_verlet", "gauss2", "heun"};
    const char *const pendulum[] = {"omega", "sigma1"}, *const oscillator[] = {"a", "sigma"};
@@ -366,6 +394,7 @@ int main(void) {
    test_mass_in_bath();
    test_refusals();
    test_noise_paths();
+   test_noise_in_time();
    double s = 0.3;
    symsde_model model = new_oscillator(gradient, &s);
    test_row_paths(model, 0, 5, 0);
