@@ -67,6 +67,18 @@ def test_paths_have_their_bits_alone(scheme, sign):
     np.testing.assert_array_equal([alone.q[:, :, 0], alone.p[:, :, 0]], [block.q[:, :, 23], block.p[:, :, 23]])
 
 
+@pytest.mark.parametrize("scheme", ["verlet_dkd_weak2", "gauss_dkdkd", "verlet_kdk"])
+@pytest.mark.parametrize("split", [None, "0.4*(q**2 + p**2)/2"])
+def test_planes_turn_where_q_and_p_are_separable(scheme, split):
+    # nothing is left of steps that alternate with free drifts: without coupling every path is one exact rotation
+    model = ss.model_from_sympy("w*(q**2 + p**2)/2", ["s*(q**2 + p**2)/2"], params={"w": 1.3, "s": 0.5}, split=split)
+    turned = run(model, q0=0.6, p0=0.8, scheme=scheme, paths=2000, steps=16, step=1 / 8)
+    assert np.abs(turned.q**2 + turned.p**2 - 1).max() < 1e-13
+    angle = np.unwrap(np.arctan2(-turned.p[:, 0], turned.q[:, 0]), axis=0)
+    gained = (angle[-1] - angle[0]) / 2
+    assert abs(gained.mean() - 1.3) < 5 * 0.5 / np.sqrt(2 * 2000)  # five standard errors
+
+
 def test_values_of_parameters_change_the_split():
     model = lattice()
     for changed in ({"J": 0.2}, {"J": 0.0}, {"J": 1.0, "e2": 2.0}):

@@ -51,7 +51,7 @@ class Derivatives:
         problem: Problem,
         vanishing: Container[tuple] = (),
         *,
-        is_split: bool = False,
+        kicks: str | None = None,
         thirds: bool = False,
         folds: bool = False,
     ):
@@ -60,7 +60,7 @@ class Derivatives:
         that are all equal become one, by sympy, which takes longer.
         """
         self.problem = problem
-        self.is_split = is_split  #: whether kicks stand between flows of a quadratic part of H
+        self.kicks = kicks  #: what kicks between flows of a quadratic part of H depend on; None without such a part
         self._vanishing = vanishing
         self.graph = Graph()
         self._engine = optional("sympy", "sympy") if folds else engine(*problem.hamiltonians)

@@ -88,7 +88,7 @@ def flows(made: Derivatives, *, damped: bool = False) -> list[str]:
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
     schemes += FURTHER[1:]
-    return [*schemes, *(_kicks(made) if separable and not made.is_split else [])]
+    return [*schemes, *(_kicks(made) if separable and not made.kicks else [])]
 
 
 def _separable(made: Derivatives) -> bool:
@@ -106,7 +106,7 @@ def same_steps(made: Derivatives) -> dict[str, str]:
     """Schemes of kicks between drifts -> the scheme whose generated steps are theirs: that of one kick, but not where
     drifts are the flow of a quadratic part; those that sample products of noises, where all noises are linear."""
     linear = all(made.graph.is_number(x, 0.0) for x in made.noise_block(BLOCKS["hqq"]))
-    return ({} if made.is_split else SAME) | ({f"{x}_strong2": x for x in KICKS} if linear else {})
+    return ({} if made.kicks else SAME) | ({f"{x}_strong2": x for x in KICKS} if linear else {})
 
 
 def source_of_kicks(made: Derivatives) -> tuple[str, list[str]]:

@@ -124,7 +124,7 @@ def derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
         derivatives = Derivatives(
             problem,
             prover.vanishing(),
-            is_split=structure.split is not None and structure.kicks == KICKS[0],
+            kicks=None if structure.split is None else structure.kicks,
             thirds=given.get("thirds", False),
         )
         source = emit_c.source(derivatives, hessians=given.get("hessians", True))
@@ -235,7 +235,8 @@ def _split_off(problem: Problem, split: Any) -> tuple[Problem, tuple[Any, str] |
 def _kicks_of(derivatives: Derivatives | None) -> tuple[compiler.Compiled, list[str]] | None:
     """Compiled whole steps of kicks between flows of the quadratic part; a file of their own, since their kicks are
     those of H at p = 0."""
-    source, schemes = emit_flow.source_of_kicks(derivatives) if derivatives and derivatives.is_split else ("", [])
+    split = derivatives and derivatives.kicks == KICKS[0]
+    source, schemes = emit_flow.source_of_kicks(derivatives) if split else ("", [])
     compiled = compiler.build(emit_c.preamble(derivatives) + source) if source else None
     return compiled and (compiled, schemes)
 
