@@ -145,6 +145,10 @@ def test_invariants_that_are_none_get_a_sentence():
         ss.advise(driven, q0=1.0, **rest)
     with pytest.raises(ss.errors.InvalidArgumentError, match="H is 0 at the initial state"):
         ss.advise(ss.models.kubo(), q0=0.0, **rest)
+    pushed = ss.model_from_sympy("p**2/2 + q**2/2", force=["-q**3"])
+    for lossy, words in ((ss.models.kubo().damped(0.3), "is damped, and invariants"), (pushed, "forces act on model")):
+        with pytest.raises(ss.errors.IncompatibleError, match=words):
+            ss.advise(lossy, q0=1.0, **{**rest, "tolerance": 0.9})
     with pytest.raises(ss.errors.WrongTypeError, match="want"):
         ss.advise(ss.models.kubo(), q0=1.0, **{**rest, "want": ["paths"]})
 

@@ -81,6 +81,12 @@ def test_costs_and_invariant(small):
     assert point(small, "midpoint", 64)["seconds_high"] > point(small, "midpoint", 8)["seconds_low"]
 
 
+def test_friction_leaves_no_invariant():
+    damped = ss.models.kubo().damped(0.5)
+    found = ss.work_precision(damped, schemes=["midpoint"], **{**SMALL, "paths": 50, "steps": [8, 16]})
+    assert all(row["drift"] is None for row in found.rows)
+
+
 def test_the_reference_shows_its_own_error():
     model, given = ss.models.synchrotron(), {**SMALL, "paths": 200, "horizon": 1.0, "steps": [8, 16]}
     good = ss.work_precision(model, schemes=["midpoint"], **given)

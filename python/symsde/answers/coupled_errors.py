@@ -139,9 +139,9 @@ def times_of(asked: Any) -> list[float]:
 
 def conserves_energy(model: Model, times: list[float]) -> bool:
     """Whether H does not depend on time and {H, H_k} = 0 for every k, at sixteen points: then H is conserved on
-    every path. Without gradients nothing tells.
+    every path of a system without damping and forces. Without gradients nothing tells.
     """
-    if not (model.traits.has_value and model.traits.has_gradient):
+    if not (model.traits.has_value and model.traits.has_gradient) or model.damping or model._forces:
         return False
     points = _points(model)
     if depends_on_time(model, times):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InvalidArgumentError
+from ...model.definition import require_closed
 from ...run.simulate import Run
 from ...schemes import Scheme
 from ..coupled import end, rms, runs_of, squares
@@ -103,6 +104,7 @@ class Invariants:
     def __init__(self, problem: Problem):
         """Find out whether H is conserved, without noise and with it."""
         self.problem = problem
+        require_closed(problem.model, "invariants (want) are")
         times = times_of(problem)
         if depends_on_time(problem.model, times):
             raise InvalidArgumentError(
