@@ -193,3 +193,15 @@ def test_refusals(k, word, tmp_path, monkeypatch, capfd):
     write(k, '{csv = "three.csv"}')
     assert command_line.main(["check", "scene.toml"]) == command_line.BAD_INPUT
     assert word in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("paths", [12, 4])  # 4: as many values as sites
+def test_ranges_of_sums_over_sites_are_refused(paths, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(
+        '[model]\nH = "Sum(p[i]**2/2 + k*q[i]**2/2, i)"\nnoise = "0.1*q[k]"\nn = 4\n[model.params]\n'
+        f"k = {{from = 1, to = 2, count = 2}}\n[run]\nstep = 0.1\nsteps = 2\npaths = {paths}\nq0 = 1.0\np0 = 0.0\n"
+    )
+    assert command_line.main(["check", "scene.toml"]) == command_line.BAD_INPUT
+    told = capfd.readouterr().err
+    assert "k = {'from': 1, 'to': 2, 'count': 2}: parameters of sums over sites are the same for all paths" in told

@@ -35,6 +35,13 @@ def of_table(file: str, table: dict[str, Any], run: Mapping[str, Any]) -> tuple[
     if not given:
         return table, _repeated(lists, paths)
     given = {key: given[key] for key in values if key in given}
+    if "n" in table and "H" in table:
+        key = next(iter(given))
+        raise SceneError(
+            f"{file}: {where}: {key} = {checks.shown(given[key])}: parameters of sums over sites are the same for all "
+            "paths: give a number, or a list with one for each site, and a scene for each value; in Python "
+            "symsde.sweep takes a function that makes the model"
+        )
     try:
         columns = {key: np.array(x, float) for key, x in given.items() if isinstance(x, list)}
         columns |= {key: _column(file, key, x) for key, x in given.items() if "csv" in x and key not in columns}
