@@ -56,7 +56,7 @@ contains
             missing = no_square
             if (needs%phases_will_do) missing = no_bond
          else if (needs%position_noise .and. noisy .and. .not. (traits%position_noise .or. will_do .or. turns)) then
-            missing = 'noise in p alone (trait position_noise)'
+            missing = 'noise that depends on q alone (trait position_noise)'
             if (needs%additive_will_do) &
                missing = missing//', or additive noise where drift and noise share their weights'
          else if (needs%position_noise .and. .not. traits%forces%noise_in_position) then

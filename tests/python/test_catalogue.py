@@ -175,7 +175,7 @@ def test_nodes_that_share_a_slope_want_noise_in_position_or_their_weights(option
     )
     assert not ss.simulate(moved, scheme=shared, **options).status.any()
     assert not ss.simulate(ss.models.linear_oscillator(), scheme=own, **options).status.any()
-    with pytest.raises(ss.errors.IncompatibleError, match=r"noise in p alone .* share their weights"):
+    with pytest.raises(ss.errors.IncompatibleError, match=r"depends on q alone .* share their weights"):
         ss.simulate(moved, scheme=own, **options)
 
 

@@ -140,12 +140,12 @@ def test_refusals():
     pair = ss.models.henon_heiles(sigma1=0.0, sigma2=0.0).damped([0.1, 0.2])
     with pytest.raises(IncompatibleError, match="is a word, whose noise has one law for all momenta, that of one rate"):
         ss.simulate(pair, **given)
-    with pytest.raises(IncompatibleError, match="scheme word:BAOAB needs noise in p alone"):
+    with pytest.raises(IncompatibleError, match="scheme word:BAOAB needs noise that depends on q alone"):
         ss.simulate(ss.models.kubo().damped(0.1), **given)
 
 
 def test_a_word_recommends_what_damped_models_take():
     model = ss.model_from_sympy("p**2/2 + q**2/2", noise=["0.1*p*q"], damping=0.5)
-    with pytest.raises(IncompatibleError, match=r"needs noise in p alone.*: use midpoint \("):
+    with pytest.raises(IncompatibleError, match=r"needs noise that depends on q alone.*: use midpoint \("):
         ss.simulate(model, scheme="word:BAOAB", q0=0.1, p0=0.0, step=0.1, steps=1)
     ss.simulate(model, scheme="midpoint", q0=0.1, p0=0.0, step=0.1, steps=1)

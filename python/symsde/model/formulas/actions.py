@@ -57,8 +57,8 @@ def found(prover: Prover, function: Callable) -> tuple[Part | None, str]:
     for j in range(1, len(prover.hams)):
         if not all(prover.vanishes(_turns(prover, k, j)) for k in planes):
             return None, (
-                f"beside its quadratic part {quoted(texts[0])} is a function of the actions (q_k^2 + p_k^2)/2, with "
-                f"which the noise {quoted(texts[j])} does not commute"
+                f"{quoted(texts[0])} holds beside its quadratic part nothing but functions of the actions "
+                f"(q_k^2 + p_k^2)/2, with which the noise {quoted(texts[j])} does not commute"
             )
     entries = [
         (function(e, {}, prover._real), ((i, j),)) for i, row in enumerate(second) for j, e in enumerate(row) if e != 0

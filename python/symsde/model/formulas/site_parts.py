@@ -239,8 +239,8 @@ def _of_actions(drift: list[_Summand], noises: list[_Summand], sites: Sites) -> 
     for x in noises:
         if not x.turns(bare=False):
             return None, (
-                f"beside its quadratic part {quoted(drift[0].text)} is a function of the actions (q_k^2 + p_k^2)/2, "
-                f"with which the noise {quoted(x.text)} does not commute"
+                f"{quoted(drift[0].text)} holds beside its quadratic part nothing but functions of the actions "
+                f"(q_k^2 + p_k^2)/2, with which the noise {quoted(x.text)} does not commute"
             )
     forms = _Forms(sites)
     for x in drift:
