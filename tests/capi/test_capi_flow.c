@@ -177,6 +177,66 @@ static void test_wrong_positions(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* H = p^2/(2m) + k q^4/4, H_1 = s q of an ion: 1e-27 kg, 1e-6 m, 1e-7 s; the user pointer is a factor of the force */
+static const double mass = 1e-27, stiffness = 0.1, push = 1e-23;
+
+static int ion_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                        double *hq, double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)user;
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = w[i] * stiffness * q[i] * q[i] * q[i] + w[nlane + i] * push;
+      hp[i] = w[i] * p[i] / mass;
+   }
+   return 0;
+}
+
+static int ion_flow(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
+                    const double *w, const double *const *functionals, const double *q, const double *p, double *qn,
+                    double *pn, int64_t *status, void *user) {
+   const double force = *(const double *)user * stiffness;
+   (void)ndof, (void)max_iter, (void)t, (void)functionals, (void)status;
+   for (int i = 0; i < nlane; i++) {
+      double x = q[i], y = p[i];
+      for (int n = 0; n < nstep; n++) {
+         const double dw = w[(n * nham + 1) * nlane + i];
+         y -= (h * force * x * x * x + dw * push) / 2;
+         x += h * y / mass;
+         y -= (h * force * x * x * x + dw * push) / 2;
+         if ((n + 1) % every == 0) {
+            qn[n / every * nlane + i] = x;
+            pn[n / every * nlane + i] = y;
+         }
+      }
+   }
+   return 0;
+}
+
+/* a displacement of one would throw ions out of the range of numbers, where nothing could be compared */
+static void test_units_of_atoms(void) {
+   const double length = 1e-6, momentum = 1e-26;
+   double force = 1;
+   symsde_traits traits;
+   symsde_model model;
+   symsde_scheme scheme = new_scheme("stormer_verlet");
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&length, &momentum);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+
+   options.step = 1e-8;
+   symsde_report_init(&report);
+   symsde_traits_init(&traits);
+   traits.ndof = traits.nnoise = traits.separable = traits.additive = traits.position_noise = 1;
+   OK(symsde_model_new("ion", &traits, ion_gradient, NULL, NULL, NULL, &force, &model, &error));
+   OK(symsde_model_set_flow(model, "stormer_verlet", ion_flow, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   force = 1.01;
+   EXPECT(SYMSDE_FALSE_TRAIT, "whole steps of scheme stormer_verlet|not those of the library",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 /* a single path: the model is called with eight lanes, or with one lane */
 static void test_any_lanes(void) {
    kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
@@ -236,6 +296,7 @@ static void test_derived(void) {
 int main(void) {
    test_flow();
    test_wrong_positions();
+   test_units_of_atoms();
    test_any_lanes();
    test_derived();
    return close_report();

@@ -13,12 +13,13 @@ pytestmark = [
     pytest.mark.filterwarnings("error:noise of Lipschitz constant"),  # which is small in all of these
 ]
 
-#: units of q, p and t: metres, seconds and kilograms for an atom; a heavy body; a small one with the mass one
+#: units of q, p and t: metres, seconds and kilograms for an atom; a heavy body; a small one with the mass one; an ion
 UNITS = {
     "atom": (2.0**-34, 2.0**-70, 2.0**-50),
     "heavy": (2.0**-10, 2.0**70, 2.0**-10),
     "small": (2.0**-30, 2.0**20, 2.0**-50),
     "slow": (2.0**10, 2.0**-40, 2.0**50),
+    "ion": (2.0**-20, 2.0**-86, 2.0**-23),
 }
 ONE = (1.0, 1.0, 1.0)
 WELL = "P1**2/2 + P2**2/3 + Q1**2*Q2**2/2 + Q1**2/2 + Q2**2"
@@ -26,6 +27,7 @@ OSCILLATORS = "P1**2/2 + P2**2/3 + Q1**2/2 + Q2**2 + Q1*Q2/5"
 #: H and noises of Q, P and T without units, and rates, a matrix of friction, a force or a bath at (beta, gamma)
 MODELS = {
     "closed": (WELL, ["0.3*sin(Q1)*cos(T)", "0.2*Q2**2"], {}),
+    "wells": (WELL + " - 1.3*(Q1**2 + Q2**2)/2 + (Q1**4 + Q2**4)/4", ["0.3*Q1", "0.2*Q2**2"], {}),
     "rates": (WELL, ["0.3*Q1", "0.2*Q2 + 0.1*Q1"], {"damping": [0.5, 0.2]}),
     "matrix": (WELL, ["0.3*Q1", "0.2*Q2 + 0.1*Q1"], {"damping": [[0.7, 0.2], [0.2, 0.4]]}),
     "in time": (WELL, ["0.3*(1 + cos(T)/100)*Q1", "0.2*Q2"], {"damping": [0.5, 0.2]}),

@@ -2,6 +2,10 @@
 !> The probe of the whole steps that a user's model defines: near the initial state they must agree with the library's
 !> steps.
 !>
+!> Starts are displaced from the initial state by a hundredth of one. In units of atoms that is no small displacement:
+!> where paths leave from there, q and p are displaced by a hundredth of the size that they reach from the initial state
+!> itself, if this is far below one. Gaps are relative to these units.
+!>
 !> Four steps of eight paths are compared with those of the oracle, to about the square root of rounding, and with
 !> themselves, bit for bit, requested one by one, two by two and all at once. If the model fails in a lane, which a run
 !> would then rescue, nothing is compared.
@@ -33,6 +37,13 @@ module symsde_step_flow_probe
    integer, parameter :: most_shorter = 2      !! how many times the step is divided by eight
    real(wp), parameter :: moved = 1 + 4*epsilon(1.0_wp)  !! factor of states a few units of rounding away
    real(wp), parameter :: closer = 1e-2_wp     !! part of a gap that rounding does not explain, at most
+   real(wp), parameter :: small = 1e-3_wp      !! size of q or p below which it is the unit, and not one
+
+   !> A start, and the units of q and p near it.
+   type :: place
+      real(wp), allocatable :: q(:), p(:)
+      real(wp) :: of_q, of_p
+   end type place
 
 contains
 
@@ -46,6 +57,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       logical, intent(out) :: decided
       type(step_store) :: store
+      type(place) :: start
       real(wp), dimension(nlane, size(q0), nstep) :: q, p, q1, p1
       real(wp) :: gap, shorter
       integer :: k
@@ -53,16 +65,17 @@ contains
 
       decided = .false.
       call draw(store, model, scheme, h)
-      call take(whole, store, t, q0, p0, nstep, q, p, comparable)
+      start = place(q0, p0, 1.0_wp, 1.0_wp)
+      call take_near(whole, store, t, start, q, p, comparable)
       if (.not. comparable) return
-      call take(whole, store, t, q0, p0, 1, q1, p1, comparable)
+      call take(whole, store, t, start, 1, q1, p1, comparable)
       if (.not. (same(q, q1) .and. same(p, p1))) call refuse('one by one')
-      call take(whole, store, t, q0, p0, 2, q1, p1, comparable)
+      call take(whole, store, t, start, 2, q1, p1, comparable)
       if (.not. (same(q, q1) .and. same(p, p1))) call refuse('two by two')
       if (allocated(error) .or. .not. allocated(oracle)) return
-      call take_plain(oracle, store, t, q0, p0, 1.0_wp, q1, p1, comparable)
+      call take_plain(oracle, store, t, start, 1.0_wp, q1, p1, comparable)
       if (.not. comparable) return
-      gap = gap_of(q1, q) + gap_of(p1, p)
+      gap = gap_of(q1, q, start%of_q) + gap_of(p1, p, start%of_p)
       rounded = is_rounding(q1, p1)
       shorter = h
       do k = 1, most_shorter
@@ -74,8 +87,8 @@ contains
       if (rounded) return
       decided = .true.
       if (gap <= tolerance) return
-      call tell(q1, q, 'q')
-      call tell(p1, p, 'p')
+      call tell(q1, q, start%of_q, 'q')
+      call tell(p1, p, start%of_p, 'p')
 
    contains
 
@@ -95,10 +108,10 @@ contains
          real(wp), dimension(nlane, size(q0), nstep) :: x, y, x1, y1
 
          call draw(store, model, scheme, h)
-         call take(whole, store, t, q0, p0, nstep, x, y, comparable)
-         if (comparable) call take_plain(oracle, store, t, q0, p0, 1.0_wp, x1, y1, comparable)
+         call take(whole, store, t, start, nstep, x, y, comparable)
+         if (comparable) call take_plain(oracle, store, t, start, 1.0_wp, x1, y1, comparable)
          if (.not. comparable) return
-         gap = gap_of(x1, x) + gap_of(y1, y)
+         gap = gap_of(x1, x, start%of_q) + gap_of(y1, y, start%of_p)
          rounded = is_rounding(x1, y1)
       end subroutine compare_shorter
 
@@ -110,20 +123,20 @@ contains
 
          is_rounding = .false.
          if (.not. gap > tolerance) return
-         call take_plain(oracle, store, t, q0, p0, moved, x1, y1, solved)
-         if (solved) is_rounding = gap_of(x, x1) + gap_of(y, y1) > closer*gap
+         call take_plain(oracle, store, t, start, moved, x1, y1, solved)
+         if (solved) is_rounding = gap_of(x, x1, start%of_q) + gap_of(y, y1, start%of_p) > closer*gap
       end function is_rounding
 
       !> Refuse the component that differs most from the library's, if one is beyond the tolerance; NaN counts as beyond
       !> it.
-      subroutine tell(right, given, what)
-         real(wp), intent(in) :: right(:, :, :), given(:, :, :)
+      subroutine tell(right, given, unit, what)
+         real(wp), intent(in) :: right(:, :, :), given(:, :, :), unit
          character(*), intent(in) :: what
          integer :: at(3)
 
          if (allocated(error)) return
-         if (all(abs(given - right) <= tolerance*(1 + maxval(abs(right))))) return
-         at = maxloc(abs(given - right), mask=.not. abs(given - right) <= tolerance*(1 + maxval(abs(right))))
+         if (all(abs(given - right) <= tolerance*(unit + maxval(abs(right))))) return
+         at = maxloc(abs(given - right), mask=.not. abs(given - right) <= tolerance*(unit + maxval(abs(right))))
          if (any(at == 0)) at = 1
          call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
                     model%name//"' defines are not those of the library: near the initial state they give "//what// &
@@ -156,22 +169,41 @@ contains
       end do
    end subroutine draw
 
+   !> Compute the states after each step by the model's flow, all at once, from a start whose units are found: one, if
+   !> paths from there stay near it.
+   subroutine take_near(stepper, store, t, start, q, p, comparable)
+      type(model_flow_stepper), intent(inout) :: stepper
+      type(step_store), intent(in) :: store
+      real(wp), intent(in) :: t
+      type(place), intent(inout) :: start
+      real(wp), intent(out) :: q(:, :, :), p(:, :, :)
+      logical, intent(out) :: comparable
+
+      call take(stepper, store, t, start, nstep, q, p, comparable)
+      if (comparable .and. stays(q, start%q) .and. stays(p, start%p)) return
+      call take(stepper, store, t, place(start%q, start%p, 0.0_wp, 0.0_wp), nstep, q, p, comparable)
+      start%of_q = unit_of(q, start%q, comparable)
+      start%of_p = unit_of(p, start%p, comparable)
+      call take(stepper, store, t, start, nstep, q, p, comparable)
+   end subroutine take_near
+
    !> Compute the states after each step by the model's flow, n steps per call. They are not comparable if it fails in a
    !> lane.
-   subroutine take(stepper, store, t, q0, p0, n, q, p, comparable)
+   subroutine take(stepper, store, t, start, n, q, p, comparable)
       type(model_flow_stepper), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
-      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(place), intent(in) :: start
+      real(wp), intent(in) :: t
       integer, intent(in) :: n
       real(wp), intent(out) :: q(:, :, :), p(:, :, :)
       logical, intent(out) :: comparable
       type(steps_record) :: steps
-      real(wp), dimension(nlane, size(q0)) :: x, y
-      real(wp), dimension(nlane, size(q0), n) :: xn, yn
+      real(wp), dimension(nlane, size(start%q)) :: x, y
+      real(wp), dimension(nlane, size(start%q), n) :: xn, yn
       integer(i8) :: status(nlane)
       integer :: first
 
-      call begin(q0, p0, x, y)
+      call begin(start, x, y)
       status = 0
       steps%every = 1
       steps%nreal = nlane
@@ -189,18 +221,19 @@ contains
 
    !> Compute the same states by the oracle, from initial states times a factor. They are not comparable if it finds no
    !> solution.
-   subroutine take_plain(stepper, store, t, q0, p0, factor, q, p, comparable)
+   subroutine take_plain(stepper, store, t, start, factor, q, p, comparable)
       class(stepper_type), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
-      real(wp), intent(in) :: t, q0(:), p0(:), factor
+      type(place), intent(in) :: start
+      real(wp), intent(in) :: t, factor
       real(wp), intent(out) :: q(:, :, :), p(:, :, :)
       logical, intent(out) :: comparable
       type(step_record) :: step
-      real(wp), dimension(nlane, size(q0)) :: x, y, dx, dy
+      real(wp), dimension(nlane, size(start%q)) :: x, y, dx, dy
       integer(i8) :: status(nlane)
       integer :: s
 
-      call begin(q0, p0, x, y)
+      call begin(start, x, y)
       x = factor*x
       y = factor*y
       status = 0
@@ -216,25 +249,43 @@ contains
    end subroutine take_plain
 
    !> Eight states near the initial state.
-   pure subroutine begin(q0, p0, x, y)
-      real(wp), intent(in) :: q0(:), p0(:)
+   pure subroutine begin(start, x, y)
+      type(place), intent(in) :: start
       real(wp), intent(out) :: x(:, :), y(:, :)
       integer :: i, lane
 
-      do i = 1, size(q0)
+      do i = 1, size(start%q)
          do lane = 1, nlane
-            x(lane, i) = q0(i) + 0.01_wp*sine_of(real(lane + 3*i, wp))
-            y(lane, i) = p0(i) + 0.01_wp*sine_of(real(lane + 5*i + 2, wp))
+            x(lane, i) = start%q(i) + 0.01_wp*start%of_q*sine_of(real(lane + 3*i, wp))
+            y(lane, i) = start%p(i) + 0.01_wp*start%of_p*sine_of(real(lane + 5*i + 2, wp))
          end do
       end do
    end subroutine begin
 
-   !> The largest distance between two sets of states, relative to the largest number of the right ones plus one; NaN if
-   !> one of the states holds NaN, which maxval ignores with some compilers.
-   pure real(wp) function gap_of(right, given)
-      real(wp), intent(in) :: right(:, :, :), given(:, :, :)
+   !> Whether states stay as near to the start as the probe assumes.
+   pure logical function stays(x, start)
+      real(wp), intent(in) :: x(:, :, :), start(:)
 
-      gap_of = maxval(abs(given - right))/(1 + maxval(abs(right))) + 0*sum(given - right)
+      stays = all(abs(x) <= 10*(1 + maxval(abs(start))))
+   end function stays
+
+   !> The unit of states: one, or their largest size, which the start has, too, where it is known and far below one.
+   pure real(wp) function unit_of(x, start, known)
+      real(wp), intent(in) :: x(:, :, :), start(:)
+      logical, intent(in) :: known
+
+      unit_of = 1
+      if (.not. (known .and. all(abs(x) < small) .and. all(abs(start) < small))) return
+      unit_of = max(maxval(abs(x)), maxval(abs(start)))
+      if (.not. unit_of > 0) unit_of = 1
+   end function unit_of
+
+   !> The largest distance between two sets of states, relative to the largest number of the right ones plus one unit;
+   !> NaN if one of the states holds NaN, which maxval ignores with some compilers.
+   pure real(wp) function gap_of(right, given, unit)
+      real(wp), intent(in) :: right(:, :, :), given(:, :, :), unit
+
+      gap_of = maxval(abs(given - right))/(unit + maxval(abs(right))) + 0*sum(given - right)
    end function gap_of
 
    !> Whether two sets of states have the same bits.
