@@ -79,6 +79,27 @@ def test_planes_turn_where_q_and_p_are_separable(scheme, split):
     assert abs(gained.mean() - 1.3) < 5 * 0.5 / np.sqrt(2 * 2000)  # five standard errors
 
 
+@pytest.mark.filterwarnings("ignore::symsde.errors.DoubtfulRunWarning")
+@pytest.mark.parametrize(
+    ("g", "coupling", "step", "rate"),
+    [
+        (0.8, 0.7, 1.24, None),
+        (0.8, 0.7, 1.26, 0.8),
+        (50.0, 0.7, 0.71, None),
+        (50.0, 0.7, 0.72, 1.4),
+        (1e-3, 0.7, 50.0, None),
+        (0.8, 0.0, 50.0, None),
+    ],
+)
+def test_steps_too_long_for_both_parts_are_doubtful(g, coupling, step, rate):
+    # rates: g q^2 of the turns, 1 at most of q, and 2 J of the coupling; energies of sites turn planes, too
+    model = lattice().with_parameters(g=g, J=coupling)
+    warned = [x for x in run(model, step=step, steps=2).report.warnings if "exceeds 1: steps alternate" in x]
+    assert len(warned) == (rate is not None)
+    if rate:
+        assert f"h*omega = {step * rate:g} (omega of the slower part of H" in warned[0]
+
+
 def test_values_of_parameters_change_the_split():
     model = lattice()
     for changed in ({"J": 0.2}, {"J": 0.0}, {"J": 1.0, "e2": 2.0}):

@@ -155,7 +155,7 @@ def test_what_is_refused():
 
 
 def test_long_steps_of_turns_need_no_warning():
-    """Drift and turns are exact at any h, so no frequency limits the step; the midpoint rule is warned of."""
+    """Drift and turns are exact at any h: the step is short while the slower of the two is. Midpoint is warned of."""
     how = {"q0": [0.5, 0.2, -0.4], "p0": [0.1, 0.3, 0.2], "step": 2.0, "steps": 1, "paths": 4, "seed": 1}
     with warnings.catch_warnings():
         warnings.simplefilter("error", errors.DoubtfulRunWarning)

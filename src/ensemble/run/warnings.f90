@@ -34,6 +34,7 @@ module symsde_ensemble_run_warnings
       real(wp) :: lipschitz = 0   !! Lipschitz constant of the noise [1/sqrt(time)]
       integer :: nnoise = 0       !! number of noises whose Hessians do not vanish
       logical :: on_some_paths = .false. !! whether this constant is that of some paths
+      logical :: turns = .false.         !! whether steps turn planes: the frequency is that of the slower part of H
       character(:), allocatable :: frequency_source, lipschitz_source
    end type bounds_type
 
@@ -82,6 +83,12 @@ contains
       x = h*bounds%frequency
       if (.not. x > 1) return  ! making texts takes longer than a short run
       value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
+      if (bounds%turns) then
+         call add(text, value//' exceeds 1: steps alternate between a coupling of planes (q, p) and turns of '// &
+                  'them, and even the slower of the two goes through an angle above one in each, so that phases '// &
+                  'are wrong: take a smaller step')
+         return
+      end if
       if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
                                                'explicit symplectic steps: take a smaller step or midpoint')
       factor = ''  ! factor of the midpoint's energy input, exact for linear oscillators with additive noise
@@ -232,7 +239,7 @@ contains
    !> for each row, and the largest row counts: noises on different sites of a lattice do not add up. Rows of forces and
    !> of velocities are measured in the unit of p/q in which those of H are equal. With more than
    !> most_noises noises there is no estimate. Where the scheme takes a quadratic part of H exactly, the frequency is
-   !> that of the rest.
+   !> that of the rest; where it turns planes between, that of the slower of the two.
    subroutine find_bounds(model, scheme, nlane, t, q, p, implicit, bounds)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -254,7 +261,12 @@ contains
       bounds%lipschitz_source = 'declared'
       bounds%nnoise = model%traits%nnoise
       if (.not. model%traits%has_gradient) return
-      known = bounds%frequency > 0 .or. (by_part .and. model%traits%kicks_of_actions)  ! turns have no limit
+      bounds%turns = by_part .and. model%traits%kicks_of_actions
+      known = bounds%frequency > 0 .or. bounds%turns
+      if (bounds%turns) then
+         bounds%frequency_source = 'of the slower part of H, estimated at the initial state'
+         bounds%frequency = slower_turn(model, nlane, size(sums, 1), t, q, p)
+      end if
       if (.not. known) then
          bounds%frequency_source = 'estimated at the initial state'
          call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked, by_part)
@@ -281,6 +293,42 @@ contains
       end do
       bounds%lipschitz = maxval(rows)
    end subroutine find_bounds
+
+   !> The lower of two rates in H = D + K, K a function of the actions I_k: the largest row sum of D without what
+   !> commutes with actions, e_k I_k, and the largest angular velocity K_,k = (q_k K_q_k + p_k K_p_k)/(2 I_k). Where
+   !> either is 0, steps are exact.
+   real(wp) function slower_turn(model, nlane, n, t, q, p)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: t, q(nlane, n), p(nlane, n)
+      real(wp) :: w(nlane, 0:model%traits%nnoise), hq(nlane, n), hp(nlane, n), action, coupling, turn
+      integer :: i
+
+      call look_at(0, w)
+      call model%gradient(nlane, n, model%traits%nnoise, t, w, q, p, hq, hp)
+      coupling = 0
+      turn = 0
+      associate (S => model%traits%quadratic_part)
+         do i = 1, n
+            coupling = max(coupling, sum(abs(S(:, i))) - abs(S(i, i)) + abs(S(i, i) - S(i + n, i + n))/2, &
+                           sum(abs(S(:, i + n))) - abs(S(i + n, i + n)) + abs(S(i, i) - S(i + n, i + n))/2)
+            action = (q(1, i)**2 + p(1, i)**2)/2
+            if (action > 0) turn = max(turn, abs(q(1, i)*(hq(1, i) - along(S(:, i))) + &
+                                                 p(1, i)*(hp(1, i) - along(S(:, i + n))))/(2*action))
+         end do
+      end associate
+      slower_turn = min(coupling, turn)
+
+   contains
+
+      !> The derivative of D along a column of S.
+      pure real(wp) function along(column)
+         real(wp), intent(in) :: column(:)
+
+         along = dot_product(column(:n), q(1, :)) + dot_product(column(n + 1:), p(1, :))
+      end function along
+
+   end function slower_turn
 
    !> Sums of absolute values along the rows of the Hessian blocks of H_k: in q, mixed, and in p. For the mixed block,
    !> which separable models do not have, take the larger of row sum and column sum. by_part: without D_qq and D_qp of
