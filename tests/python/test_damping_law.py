@@ -165,6 +165,15 @@ def test_laws_of_more_dimensions_than_normals():
     np.testing.assert_allclose(covariance_of(noise, 1.0), exact, rtol=0, atol=1e-13)
 
 
+def test_the_law_of_two_functionals_takes_no_third():
+    """law2 leaves nothing of K, which kicks of chin4a follow."""
+    model = ss.model_from_sympy("(p1**2 + p2**2)/2", noise=["-q1", "-0.5*q2"]).damped([2.0, 0.3])
+    _, exact = known(EYE, 0 * OMEGA, np.diag([2.0, 0.3]), np.diag([1.0, 0.5]), 1.0)
+    _, noise = step_of(model, "chin4a", 1.0, 3, damping_noise="law2")
+    np.testing.assert_allclose(covariance_of(noise, 1.0), exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(noise[..., 2], 0, rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("ratio", [0.3, 1 / 3, 1.1])
 @pytest.mark.filterwarnings("ignore:gamma")
 def test_noises_that_push_alike_are_one(ratio):

@@ -154,6 +154,18 @@ def test_columns_are_those_of_the_path(model):
         np.testing.assert_allclose([one.q[-1, 0], one.p[-1, 0]], [q, p], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("h", [0.25, -0.25])
+def test_columns_move_free_particles_forth_and_back(h):
+    """p <- exp(-z) p + E and q <- q + phi p + (W - E)/gamma, also where momenta grow."""
+    rate, fine = 4.0, np.random.default_rng(5).normal(0, np.sqrt(abs(h) / 64), (64, 5))
+    w, _, _, e = row = columns(fine, h, rate)
+    given = {"q0": 0.7, "p0": 0.3, "step": h, "steps": 1, "paths": 5, "damping_noise": "path"}
+    for scheme in ("gauss_dkdkd", "chin4a"):
+        run = ss.simulate(FREE.damped(rate), increments=row[np.newaxis], scheme=scheme, **given)
+        wanted = [0.7 + (1 - np.exp(-rate * h)) / rate * 0.3 + (w - e) / rate, np.exp(-rate * h) * 0.3 + e]
+        np.testing.assert_allclose([run.q[-1, 0], run.p[-1, 0]], wanted, rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("rate", [1e-9, 1e-6])
 def test_columns_at_weak_damping(rate):
     """At weak damping E and dW agree in nearly all digits; D is taken from dW, dZ and K, which loses no digits."""

@@ -128,6 +128,15 @@ def test_midpoint_steps(make, damping, scheme):
     require_gradient(make, damping, scheme=scheme)
 
 
+def test_midpoint_steps_between_unequal_decays():
+    require_gradient(charge, [0.3, 0.5], scheme="gauss_dkdkd_midpoint")
+
+
+def test_products_of_noises_back_in_time():
+    """Their mean c h |h| keeps its sign in both directions of time."""
+    require_gradient(charge, scheme="verlet_kdk", step=-0.1)
+
+
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk"])
 def test_parameters_of_sites(scheme):
     """Derivatives by every spring of a lattice, whose sum is that by all of them."""
