@@ -7,7 +7,6 @@
 module symsde_diagnose_gradients
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: error_type, raise, wrong_shape
-   use symsde_base_text, only: to_text
    use symsde_diagnose_sweep_gradient, only: path_gradient
    use symsde_diagnose_sweep_path_function, only: path_function
    use symsde_diagnose_sweep_tangent, only: path_tangent

@@ -23,7 +23,7 @@ module symsde_step_factory
    use symsde_scheme_damped, only: damped_refusal, one_rate, unequal_rates, friction_matrix, varying_rates
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
-   use symsde_scheme_kicks, only: flow_free, flow_midpoint
+   use symsde_scheme_kicks, only: flow_midpoint
    use symsde_base_traits, only: model_traits
    use symsde_scheme_needs, only: find_missing, find_beside, by_parts
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from bodies import bodies
+from bodies import bodies, expanded
 
 LOWER = {"base": set()}
 for area in ("noise", "model", "scheme", "solve"):
@@ -75,6 +75,16 @@ def layers(path, text):
         to = rest.split("_")[0].lower()
         if to != area and to not in LOWER[area]:
             yield f"{area} must not use {module}"
+
+
+def imports(text):
+    """Findings: names that a module imports and neither uses nor passes on."""
+    code = re.sub(r"&\s*\n\s*", "", "\n".join(map(code_of, text.split("\n"))))
+    uses = re.findall(r"^\s*use\b[^\n]*\bonly:\s*(.*)$", code, re.M)
+    rest = re.sub(r"^\s*use\b.*$", "", code, flags=re.M)
+    for name in (x.split("=>")[0].strip() for use in uses for x in use.split(",")):
+        if not re.search(rf"(\b|_){re.escape(name)}\b", rest):  # _ as in 1.0_wp
+            yield f"imports {name} and does not use it"
 
 
 def pointers(lines):
@@ -164,20 +174,24 @@ def findings(root):
             rules = [every_file(root, path, text), listed(root, path)]
             if path.parts[0] == "src":
                 rules.append(library(path, text))
+            if path.parts[0] == "src" and len(path.parts) > 2 and path.suffix == ".f90":
+                rules.append(imports(expanded(file)))
             for rule in rules:
                 for finding in rule:
                     yield f"{path.as_posix()}:{'' if finding[0].isdigit() else ' '}{finding}"
 
 
 SPDX = "! SPDX-License-Identifier: BSD-3-Clause\n"
-GOOD = SPDX + "module symsde_noise_a\n   use symsde_base_kinds, only: wp\nend module symsde_noise_a\n"
+USE = "   use symsde_base_kinds, only: wp\n"
+GOOD = SPDX + f"module symsde_noise_a\n{USE}   real(wp) :: a\nend module symsde_noise_a\n"
 HARMLESS = GOOD + "if (stop) return\nstop = .true.\nlogical :: stop\ntext = 'stop'\n! stop\n"
 PLANTED = {
     "module symsde_noise_b is not named": GOOD.replace("noise_a", "noise_b"),
     "noise must not use symsde_step_x": GOOD.replace("base_kinds", "step_x"),
     "noise must not use symsde_model_x": GOOD.replace("base_kinds", "model_x"),
+    "imports i8": GOOD.replace("only: wp", "only: wp, &\n i8"),
     "stops the program": GOOD + "error stop 'no'\n",
-    "4: the library stops": GOOD.replace("end module", "if (x) stop\nend module"),
+    "5: the library stops": GOOD.replace("end module", "if (x) stop\nend module"),
     "prints": GOOD + "print *, 1\n",
     "opens a file": GOOD + "open (newunit=unit, file='x')\n",
     "uses the preprocessor": GOOD + "#ifdef X\n",
@@ -200,7 +214,7 @@ def contracts_alone(root):
     file = root / CONTRACTS
     file.parent.mkdir()
     (file.parent / "CMakeLists.txt").write_text(file.name)
-    good = GOOD.replace("noise_a", "base_contracts").replace("   use symsde_base_kinds, only: wp\n", "")
+    good = GOOD.replace("noise_a", "base_contracts").replace(USE, "")
     file.write_text(good + "error stop 'broken'\n")
     if found := list(findings(root)):
         yield f"a contract that stops the program gave {found}"

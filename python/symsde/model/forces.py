@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -185,8 +184,3 @@ def handle_with(make: Callable[[], Any], forces: Forces, noises: int) -> Any:
     handle = make()
     forces.set(handle, noises)
     return handle
-
-
-def address_of(library: Any, name: str) -> ctypes.c_void_p:
-    """The address of a compiled function."""
-    return ctypes.cast(getattr(library, name), ctypes.c_void_p)

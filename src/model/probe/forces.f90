@@ -13,7 +13,6 @@ module symsde_model_probe_forces
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
-   use symsde_model_abstract, only: model_type
    use symsde_model_forces, only: force_difference
    use symsde_model_probe_points, only: probe_points, nlane, npoint, generic, too_far
    implicit none

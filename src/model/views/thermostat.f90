@@ -10,7 +10,7 @@
 !> The noises take one multiplication for each degree of freedom, in the gradient with respect to q and in the rows of
 !> chains; second derivatives are those of the model. Degrees of freedom without friction have silent noises.
 module symsde_model_views_thermostat
-   use symsde_base_damping, only: damping_type, new_damping
+   use symsde_base_damping, only: new_damping
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lane_paths, only: lane_paths
    use symsde_base_lanes, only: lane_unit

@@ -19,7 +19,7 @@ module symsde_step_hamiltonian_brackets_exact
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
-   use symsde_step_hamiltonian_noise_rows, only: noise_rows, new_noise_rows
+   use symsde_step_hamiltonian_noise_rows, only: noise_rows
    implicit none
    private
    public :: exact_bracket, new_exact_bracket, has_exact_bracket

@@ -29,7 +29,7 @@ module symsde_step_linear_kicks
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
    use symsde_noise_decay_law, only: decay_integral
-   use symsde_scheme_kicks, only: flow_free, flow_rotation, flow_midpoint
+   use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none, frame_rotation, splitting_form
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_linear_flow_slopes, only: probe_slopes

@@ -28,7 +28,7 @@ module symsde_step_linear_tableau
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_decays, only: tableau_decays, new_decays
-   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_scheme_scheme, only: correction_none
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_linear_linear_step, only: linear_step

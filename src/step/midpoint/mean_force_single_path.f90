@@ -9,7 +9,6 @@ module symsde_step_midpoint_mean_force_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_midpoint_dense_single_path, only: dense_midpoint, find_force_stiffness
    use symsde_step_midpoint_equation, only: midpoint_equation, position

@@ -20,7 +20,6 @@
 module symsde_step_one_sided_euler_pair
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, new_newton
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task

@@ -10,7 +10,7 @@
 !>
 !> Verlet with dZ (step/explicit/verlet_dz) has one kick dW_k in the middle and a shift of q by D_k - phi(h/2) dW_k.
 module symsde_step_open_kick_law
-   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path, noise_polynomial
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law3, noise_path, noise_polynomial
    use symsde_base_functionals, only: functional_set, path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

@@ -21,7 +21,7 @@ module symsde_step_splitting_bond_turns
    use symsde_base_bonds, only: bond_list, find_bonds
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_lanes
-   use symsde_base_supports, only: noise_colours, noise_pairs, noise_supports, sort_noises, find_noises_at
+   use symsde_base_supports, only: noise_colours, noise_pairs, sort_noises
    use symsde_base_traits, only: model_traits
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
