@@ -42,7 +42,7 @@ module symsde_diagnose_lagrangian
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none, correction_mean
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_factory, only: resolve_correction
+   use symsde_step_task, only: resolve_correction
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    implicit none
    private

@@ -37,7 +37,8 @@ module symsde_diagnose_symplecticity
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_open_varying, only: loss_of_step
-   use symsde_step_factory, only: resolve_task, make_stepper
+   use symsde_step_factory, only: make_stepper
+   use symsde_step_task, only: resolve_task
    use symsde_step_memory, only: step_memory, find_step_memory
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none

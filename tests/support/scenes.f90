@@ -13,7 +13,8 @@ module scenes
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_factory, only: stepper_options, new_stepper, resolve_task
+   use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_task, only: resolve_task
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private

@@ -27,7 +27,7 @@ module symsde_diagnose_sweep_gradient
    use symsde_model_abstract, only: model_type
    use symsde_noise_given, only: given_increments
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_factory, only: resolve_task
+   use symsde_step_task, only: resolve_task
    use symsde_step_linear_choice, only: require_linear, new_linear_step
    use symsde_step_linear_linear_step, only: linear_step
    use symsde_step_stepper, only: stepper_task

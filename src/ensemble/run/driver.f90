@@ -43,7 +43,7 @@ module symsde_ensemble_run_driver
    use symsde_noise_truncation, only: truncation_bound, lost_variance
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads, name_lapack
-   use symsde_step_factory, only: resolve_task
+   use symsde_step_task, only: resolve_task
    use symsde_step_open_kick_law, only: needed_functionals
    use symsde_step_stepper, only: stepper_type, stepper_task, most_single
    implicit none
