@@ -13,7 +13,7 @@ module symsde_capi_increments
    use symsde_capi_monitor, only: callback_monitor
    use symsde_capi_options, only: read_options
    use symsde_capi_scheme, only: find_scheme
-   use symsde_ensemble_run_driver, only: new_noise
+   use symsde_ensemble_run_noise, only: new_noise
    use symsde_ensemble_run_increments, only: collect_increments
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_run_memory, only: noise_numbers

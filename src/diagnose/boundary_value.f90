@@ -29,7 +29,7 @@ module symsde_diagnose_boundary_value
    use symsde_diagnose_action_system, only: action_system, new_action_system
    use symsde_diagnose_contract, only: require_paths
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lagrangian_numbers
-   use symsde_ensemble_run_driver, only: new_noise, refuse_not_finite
+   use symsde_ensemble_run_noise, only: new_noise, refuse_not_finite
    use symsde_ensemble_run_increments, only: collect_increments
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options

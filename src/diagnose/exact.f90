@@ -39,7 +39,7 @@ module symsde_diagnose_exact
    use symsde_base_text, only: to_text
    use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
    use symsde_diagnose_linear_steps, only: linear_steps, new_linear_steps
-   use symsde_ensemble_run_driver, only: new_noise, refuse_not_finite
+   use symsde_ensemble_run_noise, only: new_noise, refuse_not_finite
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, noise_path, check_options, saved_count
    use symsde_model_abstract, only: model_type
