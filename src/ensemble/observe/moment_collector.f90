@@ -13,7 +13,8 @@ module symsde_ensemble_observe_moment_collector
    use symsde_base_text, only: append_line
    use symsde_ensemble_observe_observables, only: observables_type
    use symsde_ensemble_observe_observer, only: observer_type
-   use symsde_ensemble_observe_observers, only: observer_plan, observer_list, new_observer_list
+   use symsde_ensemble_observe_observer_list, only: observer_list, new_observer_list
+   use symsde_ensemble_observe_observer_plan, only: observer_plan
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
    use symsde_model_abstract, only: model_type

@@ -1,30 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The streaming observers of a run: their kinds, how an observer is made from a request, and the list of all observers.
+!> Streaming observers by their kinds: an observer from its request, and room for its results.
 module symsde_ensemble_observe_observers
-   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_observe_autocorrelation, only: autocorrelation_observer, new_autocorrelation_observer
    use symsde_ensemble_observe_covariance, only: covariance_observer, new_covariance_observer
    use symsde_ensemble_observe_extremes, only: extremes_observer, new_extremes_observer
-   use symsde_ensemble_observe_group_means, only: group_means, new_group_means
    use symsde_ensemble_observe_histogram, only: histogram_observer, new_histogram_observer
    use symsde_ensemble_observe_mean_values, only: mean_values_observer, new_mean_values_observer
    use symsde_ensemble_observe_passage, only: passage_observer, new_passage_observer
    use symsde_ensemble_observe_paths, only: paths_observer, new_paths_observer
    use symsde_ensemble_options, only: run_options, saved_count
-   use symsde_ensemble_statistics_group_trees, only: group_trees, new_group_trees
-   use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
-   use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_type, observer_store, &
-                                                observed_run
+   use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_type, observed_run
    use symsde_model_abstract, only: model_type
-   use symsde_step_block_state, only: lane_state
    implicit none
    private
    public :: observe_histogram, observe_quantiles, observe_covariance, observe_autocorrelation, observe_extremes, &
              observe_passage, observe_paths, observe_means
-   public :: observer_plan, new_observer_plan, observer_list, new_observer_list, new_observer, &
-             new_observed_run, new_observed, ngroup, of_group_means
+   public :: new_observer, new_observed_run, new_observed, clear_observed, ngroup, of_group_means
 
    integer, parameter :: observe_histogram = 1       !! histogram of one value, bins of one width
    integer, parameter :: observe_quantiles = 2       !! quantiles of one value, bins of one relative width
@@ -36,43 +30,6 @@ module symsde_ensemble_observe_observers
    integer, parameter :: observe_means = 8           !! means of some values
    integer, parameter :: one_value(5) = [observe_histogram, observe_quantiles, observe_autocorrelation, &
                                          observe_extremes, observe_passage]
-
-   !> The observers of a run before threads copy them: gfortran 12 cannot copy a list of polymorphic observers.
-   type :: observer_plan
-      type(observer_request), allocatable :: requests(:)
-      type(observed_run) :: run
-      logical :: watches_steps = .false.               !! whether some observer sees every step
-      type(observer_store), allocatable :: stores(:)   !! data shared by the threads, of each group of each request
-      integer, allocatable :: before(:)                !! stores of the requests before (nrequest)
-      type(group_trees), allocatable :: trees(:)       !! in their place for means of groups (nrequest)
-      logical, allocatable :: tables_only(:)           !! whether blocks leave nothing in the observer (nrequest)
-   contains
-      procedure :: numbers => numbers_of_all
-      procedure :: deliver
-   end type observer_plan
-
-   type :: observer_slot
-      class(streaming_observer), allocatable :: observer
-   end type observer_slot
-
-   !> The observers of a thread. Means of groups look at all groups of a block at once. Other observers of groups are
-   !> made when a block first holds a path of the group; where a block leaves nothing in them, they look at other groups
-   !> in other blocks.
-   type :: observer_list
-      type(observer_plan), pointer :: plan => null()
-      class(model_type), pointer :: model => null()
-      type(observer_slot), allocatable :: slots(:)     !! as the stores of the plan
-      type(group_means), allocatable :: means(:)       !! means of groups
-      integer :: nactive = 0
-      integer, allocatable :: active(:)                !! slots that look at paths of the block (nactive)
-   contains
-      procedure :: is_empty
-      procedure :: begin_block
-      procedure :: take
-      procedure :: watch
-      procedure :: end_block
-      procedure :: gather
-   end type observer_list
 
 contains
 
@@ -202,272 +159,6 @@ contains
 
    end subroutine check_request
 
-   !> Make the observers of a run, one for each request, to find out whether all requests are valid.
-   subroutine new_observer_plan(self, requests, run, error)
-      type(observer_plan), intent(out) :: self
-      type(observer_request), intent(in) :: requests(:)
-      type(observed_run), intent(in) :: run
-      type(error_type), allocatable, intent(inout) :: error
-      class(streaming_observer), allocatable :: observer
-      integer(i8) :: given
-      integer :: i, n
-
-      self%run = run
-      allocate (self%requests(size(requests)), self%before(size(requests)), self%tables_only(size(requests)))
-      allocate (self%trees(size(requests)))
-      n = 0
-      do i = 1, size(requests)
-         self%requests(i) = requests(i)
-         self%before(i) = n
-         call new_observer(observer, requests(i), run, error)
-         if (allocated(error)) return
-         if (requests(i)%ngroup > 0) then
-            given = 0
-            if (associated(requests(i)%labels)) given = size(requests(i)%labels, kind=i8)
-            if (given /= run%npath) then
-               call raise(error, invalid_argument, 'new_observer_plan', 'an observer of groups has labels of '// &
-                          to_text(given)//' paths: give '//to_text(run%npath)//', those of the run')
-               return
-            end if
-         end if
-         self%watches_steps = self%watches_steps .or. observer%watches_steps()
-         self%tables_only(i) = observer%ncount + observer%nsingle == 0
-         if (of_group_means(requests(i))) then
-            call new_group_trees(self%trees(i), requests(i)%ngroup, observer%ncolumn, observer%nrow)
-         else
-            n = n + ngroup(requests(i))
-         end if
-      end do
-      allocate (self%stores(n))
-   end subroutine new_observer_plan
-
-   !> The observers of one thread, which deliver to the stores of the plan.
-   subroutine new_observer_list(self, plan, model)
-      type(observer_list), intent(out) :: self
-      type(observer_plan), intent(in), target :: plan
-      class(model_type), intent(in), target, optional :: model  !! used in place of the plan's model
-      integer :: i, n
-
-      self%plan => plan
-      if (present(model)) self%model => model
-      allocate (self%slots(size(plan%stores)), self%active(size(plan%stores)))
-      allocate (self%means(count(of_group_means(plan%requests))))
-      n = 0
-      do i = 1, size(plan%requests)
-         if (plan%requests(i)%ngroup == 0) call fill_slot(self, i, plan%before(i) + 1)
-         if (.not. of_group_means(plan%requests(i))) cycle
-         n = n + 1
-         call new_group_means(self%means(n), plan%requests(i), plan%run%first_path, plan%trees(i))
-      end do
-   end subroutine new_observer_list
-
-   !> Make the observer of a request in a slot.
-   subroutine fill_slot(self, irequest, slot)
-      type(observer_list), intent(inout) :: self
-      integer, intent(in) :: irequest, slot
-      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
-
-      call new_observer(self%slots(slot)%observer, self%plan%requests(irequest), self%plan%run, refusal)
-      self%slots(slot)%observer%store => self%plan%stores(slot)
-      if (associated(self%model)) self%slots(slot)%observer%run%model => self%model
-   end subroutine fill_slot
-
-   pure logical function is_empty(self)
-      class(observer_list), intent(in) :: self
-
-      is_empty = .true.
-      if (allocated(self%slots)) is_empty = size(self%slots) + size(self%means) == 0
-   end function is_empty
-
-   subroutine begin_block(self, first, nreal, nlane)
-      class(observer_list), intent(inout) :: self
-      integer(i8), intent(in) :: first
-      integer, intent(in) :: nreal, nlane
-      integer :: i
-
-      if (self%is_empty()) return
-      do i = 1, size(self%means)
-         call self%means(i)%begin_block(first, nreal, nlane)
-      end do
-      self%nactive = 0
-      do i = 1, size(self%plan%requests)
-         if (of_group_means(self%plan%requests(i))) cycle
-         if (self%plan%requests(i)%ngroup > 0) then
-            call begin_groups(self, i, first, nreal, nlane)
-         else
-            self%nactive = self%nactive + 1
-            self%active(self%nactive) = self%plan%before(i) + 1
-            call self%slots(self%active(self%nactive))%observer%begin_block(first, nreal, nlane)
-         end if
-      end do
-   end subroutine begin_block
-
-   !> Begin a block with the observers of the groups that it holds.
-   subroutine begin_groups(self, irequest, first, nreal, nlane)
-      class(observer_list), intent(inout) :: self
-      integer, intent(in) :: irequest, nreal, nlane
-      integer(i8), intent(in) :: first
-      integer(i4) :: labels(nlane)
-      integer :: lane, slot, nhere, store
-      integer(i8) :: at
-
-      at = first - self%plan%run%first_path
-      labels = -1
-      nhere = 0
-      associate (request => self%plan%requests(irequest))
-         labels(:nreal) = request%labels(at + 1:at + nreal)
-         do lane = 1, nreal
-            if (labels(lane) < 0 .or. labels(lane) >= request%ngroup) cycle
-            nhere = nhere + 1
-            store = self%plan%before(irequest) + labels(lane) + 1
-            slot = store
-            if (self%plan%tables_only(irequest)) slot = self%plan%before(irequest) + nhere
-            if (.not. allocated(self%slots(slot)%observer)) call fill_slot(self, irequest, slot)
-            self%nactive = self%nactive + 1
-            self%active(self%nactive) = slot
-            associate (observer => self%slots(slot)%observer)
-               observer%store => self%plan%stores(store)
-               observer%mine = labels == labels(lane)
-               where (observer%mine) labels = -1
-               call observer%begin_block(first, nreal, nlane)
-            end associate
-         end do
-      end associate
-   end subroutine begin_groups
-
-   subroutine take(self, it, t, values, counts)
-      class(observer_list), intent(inout) :: self
-      integer, intent(in) :: it
-      real(wp), intent(in) :: t
-      real(wp), intent(in), contiguous :: values(:, :)
-      logical, intent(in), contiguous :: counts(:)
-      integer :: i
-
-      if (self%is_empty()) return
-      do i = 1, size(self%means)
-         call self%means(i)%take(it, values, counts)
-      end do
-      do i = 1, self%nactive
-         associate (observer => self%slots(self%active(i))%observer)
-            if (allocated(observer%mine)) then
-               call observer%take(it, t, values, counts .and. observer%mine)
-            else
-               call observer%take(it, t, values, counts)
-            end if
-         end associate
-      end do
-   end subroutine take
-
-   subroutine watch(self, istep, t, state)
-      class(observer_list), intent(inout) :: self
-      integer(i8), intent(in) :: istep
-      real(wp), intent(in) :: t
-      type(lane_state), intent(inout) :: state
-      integer :: i
-
-      if (self%is_empty()) return
-      do i = 1, self%nactive
-         call self%slots(self%active(i))%observer%watch(istep, t, state)
-      end do
-   end subroutine watch
-
-   !> Called by one thread at a time.
-   subroutine end_block(self, state)
-      class(observer_list), intent(inout) :: self
-      type(lane_state), intent(in) :: state
-      integer :: i
-
-      if (self%is_empty()) return
-      do i = 1, size(self%means)
-         call self%means(i)%end_block()
-      end do
-      do i = 1, self%nactive
-         call self%slots(self%active(i))%observer%close_block(state)
-         call self%slots(self%active(i))%observer%end_block()
-      end do
-   end subroutine end_block
-
-   !> Called by one thread at a time.
-   subroutine gather(self)
-      class(observer_list), intent(inout) :: self
-      integer :: i
-
-      if (self%is_empty()) return
-      do i = 1, size(self%slots)
-         if (allocated(self%slots(i)%observer)) call self%slots(i)%observer%gather()
-      end do
-   end subroutine gather
-
-   !> Numbers of eight bytes that all observers together hold at most.
-   real(wp) function numbers_of_all(self, npath, nthread) result(numbers)
-      class(observer_plan), intent(in) :: self
-      integer(i8), intent(in) :: npath
-      integer, intent(in) :: nthread
-      class(streaming_observer), allocatable :: observer
-      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
-      integer :: i
-
-      numbers = 0
-      do i = 1, size(self%requests)
-         call new_observer(observer, self%requests(i), self%run, refusal)
-         if (of_group_means(self%requests(i))) then
-            numbers = numbers + numbers_of_groups(self%requests(i)%ngroup, real(observer%nsum(), wp))
-         else
-            numbers = numbers + ngroup(self%requests(i))*observer%numbers(npath, nthread)
-         end if
-      end do
-
-   contains
-
-      !> Tables of means of groups: those of a block of each thread, and a tree of each group.
-      pure real(wp) function numbers_of_groups(n, table)
-         integer, intent(in) :: n
-         real(wp), intent(in) :: table   !! numbers of one
-         real(wp) :: waiting
-
-         waiting = min(real(npath, wp), real(n, wp)*exponent(real(npath, wp)))
-         numbers_of_groups = table*(waiting + n + nthread*min(n, self%run%nlane))
-      end function numbers_of_groups
-
-   end function numbers_of_all
-
-   !> Deliver the results of all observers when all threads are done; the stores are empty afterwards.
-   subroutine deliver(self, observed)
-      class(observer_plan), intent(inout) :: self
-      type(observed_type), allocatable, intent(out) :: observed(:)
-      class(streaming_observer), allocatable :: observer
-      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
-      type(moment_node) :: table
-      integer(i8) :: m, n
-      integer :: i, k
-
-      allocate (observed(size(self%requests)))
-      do i = 1, size(observed)
-         call new_observer(observer, self%requests(i), self%run, refusal)
-         call clear_observed(observed(i), observer)
-         m = observer%ncount
-         n = observer%nsum()
-         if (of_group_means(self%requests(i))) then
-            do k = 1, self%requests(i)%ngroup
-               call self%trees(i)%finish(k, observed(i)%sums((k - 1)*n + 1:k*n))
-            end do
-            cycle
-         end if
-         do k = 1, ngroup(self%requests(i))
-            associate (store => self%stores(self%before(i) + k))
-               if (.not. self%tables_only(i) .and. .not. allocated(store%counts)) cycle
-               call final_node(store%tree, table)
-               if (allocated(store%counts)) then
-                  observed(i)%counts((k - 1)*m + 1:k*m) = store%counts
-                  call observer%to_sums(store%singles, table, observed(i)%sums((k - 1)*n + 1:k*n))
-               else
-                  call observer%to_sums([real(wp) ::], table, observed(i)%sums((k - 1)*n + 1:k*n))
-               end if
-            end associate
-         end do
-      end do
-   end subroutine deliver
-
    !> Allocate the results of a request, and return the number of values in its answer.
    subroutine new_observed(observed, nanswer, request, run, error)
       type(observed_type), intent(out) :: observed
@@ -488,7 +179,6 @@ contains
    subroutine clear_observed(observed, observer)
       type(observed_type), intent(out) :: observed
       class(streaming_observer), intent(in) :: observer
-
       integer(i8) :: m, n
       integer :: k
 

@@ -11,8 +11,8 @@ module symsde_ensemble_run_simulate
    use symsde_ensemble_observe_moment_collector, only: moment_collector, new_moment_collector, moment_store
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observe_observables, only: observables_type
-   use symsde_ensemble_observe_observers, only: observer_plan, new_observer_plan, new_observed_run, &
-                                                of_group_means
+   use symsde_ensemble_observe_observer_plan, only: observer_plan, new_observer_plan
+   use symsde_ensemble_observe_observers, only: new_observed_run, of_group_means
    use symsde_ensemble_options, only: run_options, check_options, saved_count
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
