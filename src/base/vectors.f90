@@ -4,7 +4,7 @@ module symsde_base_vectors
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: add, subtract, add_times, copy, scale
+   public :: add, subtract, add_times, add_times_each, copy, scale
 
 contains
 
@@ -43,6 +43,24 @@ contains
          total(i) = total(i) + factor*x(i)
       end do
    end subroutine add_times
+
+   !> VEC total = total + factor x, with a factor for each lane and n numbers in it.
+   pure subroutine add_times_each(nlane, n, factor, x, total)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: factor(nlane), x(nlane, n)
+      real(wp), intent(inout) :: total(nlane, n)
+      integer :: lane, i
+
+      if (nlane == 1) then  ! all numbers are neighbours: one loop instead of n
+         call add_times(n, factor(1), x, total)
+         return
+      end if
+      do i = 1, n
+         do lane = 1, nlane
+            total(lane, i) = total(lane, i) + factor(lane)*x(lane, i)
+         end do
+      end do
+   end subroutine add_times_each
 
    !> y = x, which the compiler turns into a copy of memory. Unless the compiler knows that both have one lane, an
    !> assignment would copy lane by lane.

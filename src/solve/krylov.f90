@@ -22,6 +22,7 @@
 !> the one that reached its goal, whatever its neighbours need.
 module symsde_solve_krylov
    use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_times_each
    implicit none
    private
    public :: krylov_type, new_krylov, most_vectors
@@ -169,7 +170,7 @@ contains
             divisor = sign(abs(h(:, i, i)) + merge(0.0_wp, 1.0_wp, i <= length), h(:, i, i))  ! a sum, never zero
             y(:, i) = merge(y(:, i)/divisor, 0.0_wp, i <= length)
             ! y_i is final now; add its part to x.
-            call add_multiple(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
+            call add_times_each(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
          end do
       end associate
    end subroutine add_up
@@ -239,20 +240,6 @@ contains
          end do
       end do
    end subroutine remove_and_square
-
-   !> VEC u = u + c a, a part of the solution.
-   pure subroutine add_multiple(nlane, n, c, a, u)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: c(nlane), a(nlane, n)
-      real(wp), intent(inout) :: u(nlane, n)
-      integer :: i, lane
-
-      do i = 1, n
-         do lane = 1, nlane
-            u(lane, i) = u(lane, i) + c(lane)*a(lane, i)
-         end do
-      end do
-   end subroutine add_multiple
 
    !> VEC u = u/size, or 0 if the size is zero (or has no inverse) or not finite.
    pure subroutine scale_by(nlane, n, size, u)

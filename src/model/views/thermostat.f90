@@ -26,7 +26,7 @@ module symsde_model_views_thermostat
 
    type, extends(kernel_model) :: thermostat_model
       class(model_type), allocatable :: inner              !! the model without the bath
-      class(model_type), pointer, private :: told => null() !! view of the inner model for a runner, in place of `inner`
+      class(model_type), pointer, private :: view => null() !! view of the inner model for a runner, in place of `inner`
       real(wp), allocatable :: sigma(:)                    !! sigma_i (ndof)
    contains
       procedure :: gradient
@@ -139,14 +139,14 @@ contains
       real(wp) :: w(lane_unit, 0:model%traits%nnoise)
       real(wp), dimension(lane_unit, model%traits%ndof) :: q, p, v, first
       type(lane_paths), pointer :: paths
-      class(model_type), pointer :: told
+      class(model_type), pointer :: view
       integer(i8) :: row
       integer :: i
 
       same = .true.
       allocate (paths)
-      call model%for_paths(paths, told)
-      if (associated(told)) then
+      call model%for_paths(paths, view)
+      if (associated(view)) then
          w = 0
          w(:, 0) = 1
          do i = 1, size(p, 2)
@@ -155,11 +155,11 @@ contains
          end do
          do row = 0, model%traits%npath - 1, lane_unit
             call paths%begin([(min(row + i, model%traits%npath - 1), i=0, lane_unit - 1)], 0_i8, 1_i8)
-            call told%gradient(lane_unit, size(p, 2), model%traits%nnoise, 0.0_wp, w, q, p, hp=v)
+            call view%gradient(lane_unit, size(p, 2), model%traits%nnoise, 0.0_wp, w, q, p, hp=v)
             if (row == 0) first = spread(v(1, :), 1, lane_unit)
             same = same .and. all(abs(v - first) <= 0)
          end do
-         deallocate (told)
+         deallocate (view)
       end if
       deallocate (paths)
    end function has_one_mass
@@ -231,18 +231,18 @@ contains
       type(lane_paths), pointer, intent(in) :: paths
       class(model_type), pointer, intent(out) :: view
       type(thermostat_model), pointer :: around
-      class(model_type), pointer :: told
+      class(model_type), pointer :: inner
 
       nullify (view)
-      call self%inner%for_paths(paths, told)
-      if (.not. associated(told)) return
+      call self%inner%for_paths(paths, inner)
+      if (.not. associated(inner)) return
       allocate (around)
       allocate (around%sigma, source=self%sigma)
       around%damping = self%damping
-      call dress(around, told)
+      call dress(around, inner)
       around%traits = self%traits
       around%forces => self%forces
-      around%told => told
+      around%view => inner
       around%paths => paths
       view => around
    end subroutine for_paths
@@ -251,7 +251,7 @@ contains
    subroutine release(self)
       type(thermostat_model), intent(inout) :: self
 
-      if (associated(self%told)) deallocate (self%told)
+      if (associated(self%view)) deallocate (self%view)
    end subroutine release
 
    !> The model without the bath.
@@ -259,7 +259,7 @@ contains
       class(thermostat_model), intent(in), target :: self
       class(model_type), pointer :: model
 
-      model => self%told
+      model => self%view
       if (.not. associated(model)) model => self%inner
    end function model_of
 

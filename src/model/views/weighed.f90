@@ -190,20 +190,20 @@ contains
       class(weighed_model), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
       class(model_type), pointer, intent(out) :: view
-      type(weighed_model), pointer :: told
+      type(weighed_model), pointer :: of_paths
 
       nullify (view)
       if (size(self%own, 1) == 1) return
-      allocate (told)
-      told%name = self%name
-      told%traits = self%traits
-      told%damping = self%damping
-      told%forces => self%forces
-      told%onto = self%onto
-      told%table(1:, 0:) => self%own
-      told%paths => paths
-      allocate (told%inner, source=self%inner)
-      view => told
+      allocate (of_paths)
+      of_paths%name = self%name
+      of_paths%traits = self%traits
+      of_paths%damping = self%damping
+      of_paths%forces => self%forces
+      of_paths%onto = self%onto
+      of_paths%table(1:, 0:) => self%own
+      of_paths%paths => paths
+      allocate (of_paths%inner, source=self%inner)
+      view => of_paths
    end subroutine for_paths
 
 end module symsde_model_views_weighed

@@ -366,22 +366,13 @@ contains
          call self%show_colour(k)
          associate (n => self%nlane, d => self%ndof, m => self%nnoise)
             call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
-            self%ngradient = self%ngradient + 1
+            if (self%heavy) call self%divide(self%vq)
+            call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%vq, self%still, self%gq, self%gp)
          end associate
-         if (self%heavy) call self%divide(self%vq)
-         call add_curved(self, t, self%f, c, self%vq, q, p)
+         self%ngradient = self%ngradient + 1
+         self%nproduct = self%nproduct + 1
+         self%sq = self%sq + c*self%gq
       end do
    end subroutine add_squares
-
-   !> Add c S_qq v to sq, with the sum S of noises in position with weights w.
-   subroutine add_curved(self, t, w, c, v, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
-      real(wp), intent(in), dimension(self%nlane, self%ndof) :: v, q, p
-
-      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, w, q, p, v, self%still, self%gq, self%gp)
-      self%nproduct = self%nproduct + 1
-      self%sq = self%sq + c*self%gq
-   end subroutine add_curved
 
 end module symsde_step_hamiltonian_brackets

@@ -32,7 +32,7 @@ module symsde_step_one_dof_brackets
    use symsde_base_functionals, only: area_index, path_areas, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
-   use symsde_base_vectors, only: add_times
+   use symsde_base_vectors, only: add_times_each
    use symsde_model_abstract, only: model_type
    use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian, single_weights
@@ -221,14 +221,14 @@ contains
 
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b)
          h = 0
-         call add_multiple(n, nplace, step%w(:, 0), d, h)
+         call add_times_each(n, nplace, step%w(:, 0), d, h)
          ! The model could sum h H + sum_l dW_l H_l in one call, but brackets need every H_j separately.
          do l = 1, self%nnoise
             if (.not. noisy(l)) cycle
-            call add_multiple(n, nplace, step%w(:, l), d(:, :, l), h)
+            call add_times_each(n, nplace, step%w(:, l), d(:, :, l), h)
             if (parts%active%single) then
                call find_bracket(n, self%thirds, d(:, :, l), d, b)
-               call add_multiple(n, nplace, self%c(:, l), b, h)
+               call add_times_each(n, nplace, self%c(:, l), b, h)
             end if
             ! Areas belong to pairs k < l, whose derivatives are both in d, so a bracket for each pair needs no call of
             ! the model.
@@ -236,7 +236,7 @@ contains
             do k = 1, l - 1
                if (.not. noisy(k)) cycle
                call find_bracket(n, self%thirds, d(:, :, l), d(:, :, k), b)
-               call add_multiple(n, nplace, step%of(path_areas)%x(:, area_index(k, l)), b, h)
+               call add_times_each(n, nplace, step%of(path_areas)%x(:, area_index(k, l)), b, h)
             end do
          end do
       end associate
@@ -260,7 +260,7 @@ contains
          if (parts%active%crossed) then
             do k = 1, self%nnoise
                self%whole(:, k) = step%w(:, k)/step%h
-               if (noisy(k)) call add_multiple(n, self%top, self%whole(:, k), d(:, :, k), d)
+               if (noisy(k)) call add_times_each(n, self%top, self%whole(:, k), d(:, :, k), d)
             end do
          end if
          ! The bracket is even in H_k and odd in H, hence h|h|: |h| replaces the square of an increment.
@@ -278,7 +278,7 @@ contains
                if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
             end if
             if (self%along) call add_along(self, parts, t, k, q, p, bb)
-            call add_multiple(n, nplace, self%factor, bb, h)
+            call add_times_each(n, nplace, self%factor, bb, h)
          end do
       end associate
    end subroutine add_nested
@@ -308,25 +308,6 @@ contains
    end subroutine add_along
 
    ! ---- kernels: products are added one after another, since of a sum of two either may be fused -------------------
-
-   !> VEC Add w F to a sum, by derivatives: the first n derivatives of F are in d, in the order q_, p_, qq, qp, pp.
-   pure subroutine add_multiple(nlane, n, w, d, total)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: w(nlane), d(nlane, n)
-      real(wp), intent(inout) :: total(nlane, n)
-      integer :: i, lane
-
-      ! With one lane d(1, 1:n) and total(1, 1:n) are contiguous.
-      if (nlane == 1) then  ! one loop instead of n loops
-         call add_times(n, w(1), d, total)
-         return
-      end if
-      do i = 1, n
-         do lane = 1, nlane
-            total(lane, i) = total(lane, i) + w(lane)*d(lane, i)
-         end do
-      end do
-   end subroutine add_multiple
 
    !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and the first part of its Hessian, from second derivatives (see the
    !> header). F may itself be a bracket, of which only derivatives up to the second are read. With `thirds` F and G are

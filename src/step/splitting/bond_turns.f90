@@ -23,6 +23,7 @@ module symsde_step_splitting_bond_turns
    use symsde_base_sincos, only: sincos_lanes
    use symsde_base_supports, only: noise_colours, noise_pairs, sort_noises
    use symsde_base_traits, only: model_traits
+   use symsde_base_vectors, only: add_times_each
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
@@ -149,7 +150,7 @@ contains
       do b = 1, self%bonds%n
          self%half = 0
          do e = self%from(b) + 1, self%from(b + 1)
-            if (present(d)) call add_times_each(nlane, self%factor(:, e), d(:, self%column(e)), self%half)
+            if (present(d)) call add_times_each(nlane, 1, self%factor(:, e), d(:, self%column(e)), self%half)
             if (present(mean)) self%half = self%half + mean*self%factor(:, e)
          end do
          if (self%bonds%pairs(b)) then
@@ -242,18 +243,6 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
    ! Parentheses around second products allow only the first to be contracted, in one lane as in many.
-
-   !> VEC f = f + x y, lane by lane.
-   pure subroutine add_times_each(nlane, x, y, f)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: x(nlane), y(nlane)
-      real(wp), intent(inout) :: f(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         f(lane) = f(lane) + x(lane)*y(lane)
-      end do
-   end subroutine add_times_each
 
    !> VEC cos theta - 1 and sin theta from sine and cosine of theta/2.
    pure subroutine angle_of(nlane, sine, cosine, less, across)

@@ -174,7 +174,7 @@ contains
       real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
-      real(wp) :: g_less_one, sine, sine_over
+      real(wp) :: of_q, of_p, sine, sine_over
       integer :: i
 
       if (allocated(self%coupled)) then
@@ -184,17 +184,13 @@ contains
       ! Steps of one size compute their coefficients in the first of them.
       if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
       do i = 1, ndof
-         if (allocated(self%rate)) then
-            ! local numbers, which no store of a lane can change
-            g_less_one = self%cosine_less_one(i, leg)
-            sine = self%sine(i, leg)
-            sine_over = self%sine_over(i, leg)
-            call rotate_and_decay(nlane, g_less_one, sine, sine_over, g_less_one - self%rate(i)*sine_over, &
-                                  q(:, i), p(:, i), dq(:, i), dp(:, i))
-         else
-            call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
-                        q(:, i), p(:, i), dq(:, i), dp(:, i))
-         end if
+         ! local numbers, which no store of a lane can change
+         of_q = self%cosine_less_one(i, leg)
+         sine = self%sine(i, leg)
+         sine_over = self%sine_over(i, leg)
+         of_p = of_q
+         if (allocated(self%rate)) of_p = of_q - self%rate(i)*sine_over
+         call rotate(nlane, of_q, of_p, sine, sine_over, q(:, i), p(:, i), dq(:, i), dp(:, i))
       end do
    end subroutine move
 
@@ -382,11 +378,12 @@ contains
       end do
    end subroutine lose
 
-   !> VEC The rotation of one degree of freedom in all lanes. Parentheses around the second product allow only the first
-   !> to be contracted, in one lane as in many.
-   pure subroutine rotate(nlane, cosine_less_one, sine, sine_over, q, p, dq, dp)
+   !> VEC The rotation of one degree of freedom in all lanes. q changes by the part of_q of itself and p by of_p, both
+   !> cos - 1 without decay. Parentheses around the second product allow only the first to be contracted, in one lane as
+   !> in many.
+   pure subroutine rotate(nlane, of_q, of_p, sine, sine_over, q, p, dq, dp)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: cosine_less_one, sine, sine_over, q(nlane), p(nlane)
+      real(wp), intent(in) :: of_q, of_p, sine, sine_over, q(nlane), p(nlane)
       real(wp), intent(inout) :: dq(nlane), dp(nlane)
       real(wp) :: x, y
       integer :: lane
@@ -394,25 +391,9 @@ contains
       do lane = 1, nlane
          x = q(lane) + dq(lane)
          y = p(lane) + dp(lane)
-         dq(lane) = dq(lane) + (cosine_less_one*x + (sine_over*y))
-         dp(lane) = dp(lane) + (cosine_less_one*y - (sine*x))
+         dq(lane) = dq(lane) + (of_q*x + (sine_over*y))
+         dp(lane) = dp(lane) + (of_p*y - (sine*x))
       end do
    end subroutine rotate
-
-   !> VEC The same with decay, where p keeps less of itself than q.
-   pure subroutine rotate_and_decay(nlane, g_less_one, sine, sine_over, loss, q, p, dq, dp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: g_less_one, sine, sine_over, loss, q(nlane), p(nlane)
-      real(wp), intent(inout) :: dq(nlane), dp(nlane)
-      real(wp) :: x, y
-      integer :: lane
-
-      do lane = 1, nlane
-         x = q(lane) + dq(lane)
-         y = p(lane) + dp(lane)
-         dq(lane) = dq(lane) + (g_less_one*x + (sine_over*y))
-         dp(lane) = dp(lane) + (loss*y - (sine*x))
-      end do
-   end subroutine rotate_and_decay
 
 end module symsde_step_splitting_drift
