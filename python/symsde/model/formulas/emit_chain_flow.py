@@ -77,7 +77,8 @@ def source(chain: Chain) -> str:
         head = "double row_bend(const double x, const double *restrict c, const int far, int64_t *beyond)"
         parts.append(_function(head, bend, [("", bend.outputs["hq"][0])], "return"))
     parts.append(Path(__file__).with_name("flow_chain.h").read_text(encoding="utf-8"))
-    return "\n".join([*parts, *(f"CHAIN_FLOW({scheme})" for scheme in schemes), ""])
+    parts += [f"CHAIN_FLOW({x}, {x.removesuffix('_strong2')}, {int(x in DRAWN)})" for x in schemes]
+    return "\n".join([*parts, ""])
 
 
 def _needed(made: Derivatives) -> list[int]:

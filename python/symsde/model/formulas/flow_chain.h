@@ -1,37 +1,42 @@
 
 /* ---- whole steps of chains ----
  *
- * Kicks between drifts, by rows: a strip of eight lanes keeps its states in the nearest cache through all steps of a call,
- * and a kick and the drift after it are one pass over the rows. Of a single lane, rows are computed side by side. Kick i
- * (src/scheme/kicks.f90, base/maps.f90) is
+ * Kicks between drifts, by rows: a strip of eight lanes keeps its states in the nearest cache through all steps of a
+ * call, and a kick and the drift after it are one pass over the rows. Of a single lane, rows are computed side by side.
+ * Kick i (src/scheme/kicks.f90, base/maps.f90) is
  *
- *    p <- p - (sum_j w_ij H_j)_q - mean_i h |h| sum_k H_k,qq H_k,q - 2 kappa_i h V_qq V_q
+ *    p <- p - (sum_j w_ij H_j)_q - share_i sum_k D_kk H_k,qq H_k,q - 2 kappa_i h V_qq V_q
  *    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,   a_k = dZ_k/h - dW_k/2
- *    V = h H + sum_k (dW_k + zeta K_k) H_k
+ *    V = h H + sum_k v_k H_k,   v_k = dW_k + zeta K_k
  *
- * of which each noise with a second derivative touches one site (MEAN). Where J is drawn (samples), and each site has one
- * noise, D_kk takes the place of h |h|: h (sum_i<j (c_j - c_i) w_ik w_jk - 2 kappa v_k^2) - J_kk, kappa = sum_i kappa_i. A drift moves q by reach h p, then momenta lose a
- * part; damped, as flow_fade.h says. Generated before this text: row_force, row_product and row_bend of a row and the next
- * one, or of the last one by itself (CLOSED is 0), weights v of the TERMS, column of each. */
+ * where each noise with a second derivative touches one site (MEAN). In the mean form D_kk = mean h |h|. Where J is
+ * drawn (samples), and each site has one noise, with kappa = sum_i kappa_i,
+ *
+ *    D_kk = h [ sum_i<j (c_j - c_i) w_ik w_jk - 2 kappa v_k^2 ] - J_kk
+ *
+ * A drift moves q by reach h p, then momenta lose a part; damped, as flow_fade.h says. Generated before this text:
+ * row_force, row_product and row_bend of a row and the next one, or of the last one by itself (CLOSED is 0), weights v
+ * of the TERMS, column of each. */
 
 #include <string.h>
 enum { LANES_OF_STRIP = 8, DAMPED_STEP = 5 };
 enum { BY_W, BY_Z, BY_K }; /* functionals that weigh kicks: dW; dZ, too; K, too */
+/* Aims of a sweep: forces are kept, or products; or a kick acts, with further products, or with D_kk, too. */
 enum { SLOPE, PRODUCT, KICK, KICK_MORE, KICK_DRAWN };
 #define SITE(i) ((i) * (ptrdiff_t)lanes)
 
 typedef struct {
    int kicks, uses;
-   double c[3], b[3], beta[3], gamma[3], eta[3], kappa[3], mean[3], zeta; /* mean: parts of D_kk where it is drawn */
+   double c[3], b[3], beta[3], gamma[3], eta[3], kappa[3], share[3], mean, zeta;
    int samples;
 } splitting;
 
-/* What a step is given: its weights, dZ, K and J of one strip, whose columns are n apart. */
+/* The record of a step: its weights, dZ, K and J of one strip, whose columns are n apart. */
 typedef struct {
    const double *w, *z, *k, *j;
    double h, inverse;
    ptrdiff_t n;
-} given;
+} record;
 
 /* A sweep over rows: weights, and what happens to momenta and positions behind them. */
 typedef struct {
@@ -42,26 +47,16 @@ static const splitting of_symplectic_euler = {1, BY_W, {0}, {1}, {1}};
 static const splitting of_symplectic_euler_adjoint = {1, BY_W, {1}, {1}, {1}};
 static const splitting of_stormer_verlet = {2, BY_W, {0, 1}, {0.5, 0.5}, {0.5, 0.5}};
 static const splitting of_verlet_kdk = {.kicks = 2, .uses = BY_Z, .c = {0, 1}, .b = {0.5, 0.5}, .beta = {0.5, 0.5},
-                                        .gamma = {1, -1}, .mean = {1 / 12.0, 1 / 12.0}};
+                                        .gamma = {1, -1}, .share = {0.5, 0.5}, .mean = 1 / 6.0};
 static const splitting of_gauss_dkdkd = {.kicks = 2, .uses = BY_Z, .c = {0.21132486540518711, 0.78867513459481287},
-                                         .b = {0.5, 0.5}, .beta = {0.5, 0.5},
+                                         .b = {0.5, 0.5}, .beta = {0.5, 0.5}, .share = {0.5, 0.5},
                                          .gamma = {1.7320508075688772, -1.7320508075688772}};
 static const splitting of_chin4a = {.kicks = 3, .uses = BY_K, .c = {0, 0.5, 1}, .b = {1 / 6.0, 2 / 3.0, 1 / 6.0},
                                     .beta = {1 / 6.0, 2 / 3.0, 1 / 6.0}, .gamma = {1, 0, -1}, .eta = {4, -8, 4},
-                                    .kappa = {0, -1 / 72.0, 0}, .mean = {0, 1 / 15.0, 0}, .zeta = -12};
-static const splitting of_verlet_kdk_strong2 = {.kicks = 2, .uses = BY_Z, .samples = 1, .c = {0, 1}, .b = {0.5, 0.5},
-                                                .beta = {0.5, 0.5}, .gamma = {1, -1}, .mean = {0.5, 0.5}};
-static const splitting of_gauss_dkdkd_strong2 = {.kicks = 2, .uses = BY_Z, .samples = 1,
-                                                 .c = {0.21132486540518711, 0.78867513459481287}, .b = {0.5, 0.5},
-                                                 .beta = {0.5, 0.5}, .gamma = {1.7320508075688772, -1.7320508075688772},
-                                                 .mean = {0.5, 0.5}};
-static const splitting of_chin4a_strong2 = {
-   .kicks = 3, .uses = BY_K, .samples = 1, .c = {0, 0.5, 1}, .b = {1 / 6.0, 2 / 3.0, 1 / 6.0},
-   .beta = {1 / 6.0, 2 / 3.0, 1 / 6.0}, .gamma = {1, 0, -1}, .eta = {4, -8, 4}, .kappa = {0, -1 / 72.0, 0},
-   .mean = {0, 1, 0}, .zeta = -12};
+                                    .kappa = {0, -1 / 72.0, 0}, .share = {0, 1, 0}, .mean = 1 / 15.0, .zeta = -12};
 
 /* The weights of the terms in one lane of a row. */
-LANE void weights_of(const int uses, const given g, const kick_of k, const ptrdiff_t row, const ptrdiff_t sites,
+LANE void weights_of(const int uses, const record g, const kick_of k, const ptrdiff_t row, const ptrdiff_t sites,
                      const ptrdiff_t i, double *v) {
    for (int j = 0; j < TERMS; j++) {
       const ptrdiff_t at = column(j, row, sites);
@@ -79,7 +74,7 @@ LANE void weights_of(const int uses, const given g, const kick_of k, const ptrdi
 }
 
 /* D_kk of all rows of a strip, each with one noise. */
-LANE void draw_second(const int lanes, const int uses, const splitting *of, const given g, const kick_of *kicks,
+LANE void draw_second(const int lanes, const int uses, const splitting *of, const record g, const kick_of *kicks,
                       const kick_of all, const ptrdiff_t sites, double *restrict d) {
    const double kappa = of->kappa[0] + of->kappa[1] + of->kappa[2];
    for (ptrdiff_t row = 0; row < sites; row++)
@@ -98,28 +93,29 @@ LANE void draw_second(const int lanes, const int uses, const splitting *of, cons
       }
 }
 
-/* What a row receives by itself, and what it hands on to the next one: forces, or products with s. */
-LANE void row_of(const int what, const int alone, const double *v, const double x, const double y, const double s,
+/* What a row receives by itself, and what it hands on to the next one: forces, or products with s by the aim PRODUCT. */
+LANE void row_of(const int aim, const int alone, const double *v, const double x, const double y, const double s,
                  const double r, const double *restrict c, double *own, double *handed, const int far,
                  int64_t *beyond) {
-   if (what == PRODUCT)
+   if (aim == PRODUCT)
       (alone ? last_product : row_product)(v, x, y, s, r, c, own, handed, far, beyond);
    else
       (alone ? last_force : row_force)(v, x, y, c, own, handed, far, beyond);
 }
 
 /* The end of a row: the force f on x and y is kept in `to`, or kicks p and moves q. */
-LANE void settle(const int what, const double f, const double x, const double more, const double drawn,
-                 const kick_of k, const double *restrict c, double *q, double *p, double *to, const int far, int64_t *beyond) {
-   if (what < KICK) {
+LANE void settle(const int aim, const double f, const double x, const double more, const double drawn,
+                 const kick_of k, const double *restrict c, double *q, double *p, double *to, const int far,
+                 int64_t *beyond) {
+   if (aim < KICK) {
       *to = f;
       return;
    }
    double push = f;
-   if (what >= KICK_MORE) {
+   if (aim >= KICK_MORE) {
       push = FMA(k.more, more, push);
 #if MEAN
-      push = FMA(what == KICK_DRAWN ? k.mean * drawn : k.mean, row_bend(x, c, far, beyond), push);
+      push = FMA(aim == KICK_DRAWN ? k.mean * drawn : k.mean, row_bend(x, c, far, beyond), push);
 #endif
    }
    *p -= push;
@@ -128,7 +124,7 @@ LANE void settle(const int what, const double f, const double x, const double mo
 
 /* All rows of a strip. s: the vector of products; more: products that a kick adds; drawn: D_kk; to: where forces are
  * kept. */
-INLINE sweep(const int what, const int lanes, const int uses, const given g, const kick_of k, const ptrdiff_t sites,
+INLINE sweep(const int aim, const int lanes, const int uses, const record g, const kick_of k, const ptrdiff_t sites,
              const double *restrict c, double *restrict q, double *restrict p, const double *restrict s,
              const double *restrict more, const double *restrict drawn, double *restrict to, const int far) {
    enum { MOST = LANES_OF_STRIP > TILE + 1 ? LANES_OF_STRIP : TILE + 1 };
@@ -137,15 +133,15 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
    const ptrdiff_t end = SITE(sites - 1);
    for (int i = 0; i < lanes; i++) {
       first[i] = RING ? q[i] : 0;
-      start[i] = RING && what == PRODUCT ? s[i] : 0;
+      start[i] = RING && aim == PRODUCT ? s[i] : 0;
       handed[i] = 0;
    }
    if (CLOSED)
 #pragma GCC ivdep
       for (int i = 0; i < lanes; i++) {
          weights_of(uses, g, k, sites - 1, sites, i, v);
-         row_of(what, 0, v, RING ? q[end + i] : 0, q[i], RING && what == PRODUCT ? s[end + i] : 0,
-                what == PRODUCT ? s[i] : 0, c, &none, &handed[i], far, &beyond);
+         row_of(aim, 0, v, RING ? q[end + i] : 0, q[i], RING && aim == PRODUCT ? s[end + i] : 0,
+                aim == PRODUCT ? s[i] : 0, c, &none, &handed[i], far, &beyond);
       }
    if (lanes > 1) {
       for (ptrdiff_t row = 0; row < sites - 1; row++) {
@@ -155,10 +151,10 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
             double mine, next;
             weights_of(uses, g, k, row, sites, i, v);
             const double x = q[at + i];
-            row_of(what, 0, v, x, q[at + lanes + i], what == PRODUCT ? s[at + i] : 0,
-                   what == PRODUCT ? s[at + lanes + i] : 0, c, &mine, &next, far, &beyond);
-            settle(what, handed[i] + mine, x, what >= KICK_MORE ? more[at + i] : 0,
-                   what == KICK_DRAWN ? drawn[at + i] : 0, k, c, &q[at + i], &p[at + i], &to[at + i], far, &beyond);
+            row_of(aim, 0, v, x, q[at + lanes + i], aim == PRODUCT ? s[at + i] : 0,
+                   aim == PRODUCT ? s[at + lanes + i] : 0, c, &mine, &next, far, &beyond);
+            settle(aim, handed[i] + mine, x, aim >= KICK_MORE ? more[at + i] : 0,
+                   aim == KICK_DRAWN ? drawn[at + i] : 0, k, c, &q[at + i], &p[at + i], &to[at + i], far, &beyond);
             handed[i] = next;
          }
       }
@@ -169,14 +165,14 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
          for (int i = 0; i < some; i++) {
             const ptrdiff_t row = tile + i;
             weights_of(uses, g, k, row, sites, 0, v);
-            row_of(what, 0, v, q[row], q[row + 1], what == PRODUCT ? s[row] : 0, what == PRODUCT ? s[row + 1] : 0, c,
+            row_of(aim, 0, v, q[row], q[row + 1], aim == PRODUCT ? s[row] : 0, aim == PRODUCT ? s[row + 1] : 0, c,
                    &own[i], &handed[i + 1], far, &beyond);
          }
 #pragma GCC ivdep
          for (int i = 0; i < some; i++) {
             const ptrdiff_t row = tile + i;
-            settle(what, handed[i] + own[i], q[row], what >= KICK_MORE ? more[row] : 0,
-                   what == KICK_DRAWN ? drawn[row] : 0, k, c, &q[row], &p[row], &to[row], far, &beyond);
+            settle(aim, handed[i] + own[i], q[row], aim >= KICK_MORE ? more[row] : 0,
+                   aim == KICK_DRAWN ? drawn[row] : 0, k, c, &q[row], &p[row], &to[row], far, &beyond);
          }
          handed[0] = handed[some];
       }
@@ -186,14 +182,14 @@ INLINE sweep(const int what, const int lanes, const int uses, const given g, con
       double mine;
       weights_of(uses, g, k, sites - 1, sites, i, v);
       const double x = q[end + i];
-      row_of(what, !CLOSED, v, x, first[i], what == PRODUCT ? s[end + i] : 0, start[i], c, &mine, &none, far, &beyond);
-      settle(what, handed[i] + mine, x, what >= KICK_MORE ? more[end + i] : 0, what == KICK_DRAWN ? drawn[end + i] : 0, k,
+      row_of(aim, !CLOSED, v, x, first[i], aim == PRODUCT ? s[end + i] : 0, start[i], c, &mine, &none, far, &beyond);
+      settle(aim, handed[i] + mine, x, aim >= KICK_MORE ? more[end + i] : 0, aim == KICK_DRAWN ? drawn[end + i] : 0, k,
              c, &q[end + i], &p[end + i], &to[end + i], far, &beyond);
    }
    return beyond;
 }
 
-/* p loses a part, then q moves: x + part y of all numbers of a strip. */
+/* x + part y in place of x, of all numbers of a strip: drifts of q, and losses of p. */
 LANE void add_part(const ptrdiff_t count, const double part, const double *y, double *x) {
 #pragma GCC ivdep
    for (ptrdiff_t i = 0; i < count; i++)
@@ -201,7 +197,7 @@ LANE void add_part(const ptrdiff_t count, const double part, const double *y, do
 }
 
 /* Steps of a strip in place. */
-INLINE strip_of(const int lanes, const int uses, const splitting *of, const int nstep, const ptrdiff_t nham, given g,
+INLINE strip_of(const int lanes, const int uses, const splitting *of, const int nstep, const ptrdiff_t nham, record g,
                 const double *damped, const ptrdiff_t sites, const double *parameters, double *restrict q,
                 double *restrict p, const int far) {
    double c[VALUES + 1]; /* a copy that no state may alias */
@@ -215,7 +211,8 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
    for (int i = 0; i < of->kicks; i++) {
       const double leg = (i + 1 < of->kicks ? of->c[i + 1] : 1) - of->c[i];
       kicks[i] = (kick_of){.b = of->b[i], .beta = of->beta[i], .gamma = of->gamma[i], .eta = of->eta[i],
-                           .mean = of->samples ? of->mean[i] : of->mean[i] * h * fabs(h), .more = 2 * of->kappa[i] * h, .reach = leg * h};
+                           .mean = of->samples ? of->share[i] : of->share[i] * of->mean * h * fabs(h),
+                           .more = 2 * of->kappa[i] * h, .reach = leg * h};
       if (damped) { /* a tableau of two stages drifts by the mean of momenta before and after the loss */
          kicks[i].loss = expm1(-leg * z);
          if (tableau && of->kicks > 1)
@@ -228,7 +225,8 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
          }
       }
    }
-   const double early = damped ? expm1(-lead * z) : 0, reach = damped && !tableau && z != 0 ? h * (-early / z) : lead * h;
+   const double early = damped ? expm1(-lead * z) : 0;
+   const double reach = damped && !tableau && z != 0 ? h * (-early / z) : lead * h;
    for (int step = 0; step < nstep; step++) {
       if (damped && tableau && lead > 0)
          add_part(count, early, p, p);
@@ -263,12 +261,12 @@ INLINE strip_of(const int lanes, const int uses, const splitting *of, const int 
    return beyond;
 }
 
-#define STRIP_OF(name, lanes, uses)                                                                                     \
-   static __attribute__((noinline)) int64_t name(const splitting *of, int nstep, ptrdiff_t nham, given g,              \
-                                                 const double *damped, ptrdiff_t sites, const double *c, double *q,    \
-                                                 double *p, const int far) {                                           \
-      return MAY_BE_FAR && far ? strip_of(lanes, uses, of, nstep, nham, g, damped, sites, c, q, p, 1)                  \
-                               : strip_of(lanes, uses, of, nstep, nham, g, damped, sites, c, q, p, 0);                 \
+#define STRIP_OF(name, lanes, uses)                                                                                  \
+   static __attribute__((noinline)) int64_t name(const splitting *of, int nstep, ptrdiff_t nham, record g,           \
+                                                 const double *damped, ptrdiff_t sites, const double *c, double *q,  \
+                                                 double *p, const int far) {                                         \
+      return MAY_BE_FAR && far ? strip_of(lanes, uses, of, nstep, nham, g, damped, sites, c, q, p, 1)                \
+                               : strip_of(lanes, uses, of, nstep, nham, g, damped, sites, c, q, p, 0);               \
    }
 STRIP_OF(strip_by_w, LANES_OF_STRIP, BY_W)
 STRIP_OF(strip_by_z, LANES_OF_STRIP, BY_Z)
@@ -279,10 +277,10 @@ STRIP_OF(alone_by_k, 1, BY_K)
 
 /* Lanes first .. of a block through all steps, states stored after every `every` of them; a number below zero if some
  * argument was far. */
-static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t first, const int nlane, const ptrdiff_t sites,
-                          const ptrdiff_t nham, const int nstep, const int every, const double h, const double *w,
-                          const double *const *functionals, const double *q, const double *p, double *qn, double *pn,
-                          const double *c, const int far) {
+static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t first, const int nlane,
+                          const ptrdiff_t sites, const ptrdiff_t nham, const int nstep, const int every, const double h,
+                          const double *w, const double *const *functionals, const double *q, const double *p,
+                          double *qn, double *pn, const double *c, const int far) {
    double x[SITE(sites)], y[SITE(sites)];
    const double *const z = of->uses >= BY_Z ? functionals[0] : w, *const k = of->uses >= BY_K ? functionals[2] : w;
    const double *const j = MEAN && of->samples ? functionals[3] : w;
@@ -294,7 +292,7 @@ static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t 
       }
    for (int out = 0; out < nstep / every; out++) {
       const ptrdiff_t step = (ptrdiff_t)out * every;
-      const given g = {w + step * nham * nlane + first, z + step * (nham - 1) * nlane + first,
+      const record g = {w + step * nham * nlane + first, z + step * (nham - 1) * nlane + first,
                        k + step * (nham - 1) * nlane + first, j + step * (nham - 1) * nlane + first, h, 1 / h, nlane};
       const double *const damped = functionals[DAMPED_STEP];
       if (lanes == 1)
@@ -314,8 +312,8 @@ static int64_t some_lanes(const splitting *of, const int lanes, const ptrdiff_t 
 }
 
 /* The contract of symsde_flow in symsde.h. */
-static void chain_flow(const splitting *of, const int nlane, const ptrdiff_t sites, const ptrdiff_t nham, const int nstep,
-                       const int every, const double h, const double *w, const double *const *functionals,
+static void chain_flow(const splitting *of, const int nlane, const ptrdiff_t sites, const ptrdiff_t nham,
+                       const int nstep, const int every, const double h, const double *w, const double *const *functionals,
                        const double *q, const double *p, double *qn, double *pn, const double *c) {
    for (int first = 0; first < nlane;) {
       const int lanes = nlane - first < LANES_OF_STRIP ? 1 : LANES_OF_STRIP;
@@ -326,11 +324,14 @@ static void chain_flow(const splitting *of, const int nlane, const ptrdiff_t sit
    }
 }
 
-#define CHAIN_FLOW(scheme)                                                                                              \
-   int formula_flow_##scheme(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,    \
-                             const double *w, const double *const *functionals, const double *q, const double *p,      \
-                             double *qn, double *pn, int64_t *status, void *user) {                                    \
-      (void)max_iter, (void)t, (void)status;                                                                           \
-      chain_flow(&of_##scheme, nlane, ndof, nham, nstep, every, h, w, functionals, q, p, qn, pn, user);                \
-      return 0;                                                                                                        \
+/* Steps of a scheme by the name, with D_kk of samples or in the mean form. */
+#define CHAIN_FLOW(name, scheme, drawn)                                                                              \
+   int formula_flow_##name(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,    \
+                           const double *w, const double *const *functionals, const double *q, const double *p,      \
+                           double *qn, double *pn, int64_t *status, void *user) {                                    \
+      (void)max_iter, (void)t, (void)status;                                                                         \
+      splitting of = of_##scheme;                                                                                    \
+      of.samples = drawn;                                                                                            \
+      chain_flow(&of, nlane, ndof, nham, nstep, every, h, w, functionals, q, p, qn, pn, user);                       \
+      return 0;                                                                                                      \
    }

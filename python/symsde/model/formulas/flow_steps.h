@@ -1,16 +1,18 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  * Whole steps of one lane, from functions that are generated before this text: with S = sum_j w_j H_j,
  *
- *    force, velocity   S_q, S_p
- *    slopes            S_q and S_p with S_qq, S_qp, S_pp
- *    kick, drift       p - part S_q, q + part S_p
- *    kick_bound, kick_free, fall_bound   kick and fall by the terms that depend on the state, and by those that do not
- *    glide             q + part S_p(p + exp(-z) p)/2 where S_p is linear, for damped momenta
- *    places, fall      what S_q takes from q alone, and p - part S_q by that
- *    coupling          S_qp; kick_by, fall_by, drift_by   d - part S_q, d + part S_p
+ *    force, velocity              S_q, S_p
+ *    slopes                       S_q and S_p with S_qq, S_qp, S_pp
+ *    kick, drift                  p - part S_q, q + part S_p
+ *    places, fall                 what S_q takes from q alone, and p - part S_q by that
+ *    kick_bound, fall_bound       kick and fall by the terms that depend on the state
+ *    kick_free                    kick by those that do not
+ *    glide                        q + part S_p(p + exp(-z) p)/2 where S_p is linear, for damped momenta
+ *    coupling                     S_qp
+ *    kick_by, fall_by, drift_by   d - part S_q, d - part S_q, d + part S_p
  *
- * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
- * some argument was far, as the functions do.
+ * DOF degrees of freedom; the weights of a lane stand n apart. With `far` = 1 a step computes arguments of any size;
+ * with 0 it returns a negative number where some argument was far, as the functions do.
  */
 
 LANE state state_of(const double *restrict x, const int i, const int kept) {
@@ -47,12 +49,12 @@ LANE void lose(const double part, state *s) {
 #endif
 
 #if EXPLICIT
-/* Where q and p meet in products of both alone, S_qp depends on neither, and explicit schemes have one matrix to eliminate:
+/* Where q and p meet in products of both alone, S_qp depends on neither, and explicit schemes have a matrix to eliminate:
  *
- *    p' = p - a S_q(q, p + b (p' - p)) = p - a (1 + a b S_qp)^-1 S_q(q, p)
- *    q' = q + a S_p(q + b (q' - q), p) = q + a (1 - a b S_pq)^-1 S_p(q, p)
+ *    p' = p - a S_q(q, p + b (p' - p)) = p - a (1 + a b S_qp)^-1 S_q(q, p)          kick_at, fall_at
+ *    q' = q + a S_p(q + b (q' - q), p) = q + a (1 - a b S_pq)^-1 S_p(q, p)          drift_at
  *
- * With S_qp = 0 these are kick and drift. */
+ * With S_qp = 0 these are kick, fall and drift. */
 #if COUPLED
 /* x + (1 + ab S_qp)^-1 d in place of x, or by the transposed matrix, whose entries stand `down` and `across` apart */
 INLINE add_part(LANE_IN, const state *s, const double ab, const int down, const int across, double *restrict d,
@@ -67,40 +69,21 @@ INLINE add_part(LANE_IN, const state *s, const double ab, const int down, const 
       x[i] += d[i];
    return beyond;
 }
-#endif
 
-INLINE kick_at(LANE_IN, state *s, const double a, const double b, const int far) {
-#if COUPLED
-   double d[DOF] = {0};
-   const int64_t beyond = kick_by(LANE_OF, s, d, a, far);
-   return beyond | add_part(LANE_OF, s, a * b, 1, DOF, d, s->p, far);
+#define MOVE_AT(move, ab, down, across, x)                                                                           \
+   INLINE move##_at(LANE_IN, state *s, const double a, const double b, const int far) {                              \
+      double d[DOF] = {0};                                                                                           \
+      const int64_t beyond = move##_by(LANE_OF, s, d, a, far);                                                       \
+      return beyond | add_part(LANE_OF, s, ab, down, across, d, x, far);                                             \
+   }
+MOVE_AT(kick, (a * b), 1, DOF, s->p)
+MOVE_AT(fall, (a * b), 1, DOF, s->p)
+MOVE_AT(drift, (-a * b), DOF, 1, s->q)
 #else
-   (void)b;
-   return kick(LANE_OF, s, a, far);
+#define kick_at(lane, s, a, b, far) kick(lane, s, a, far)
+#define fall_at(lane, s, a, b, far) fall(lane, s, a, far)
+#define drift_at(lane, s, a, b, far) drift(lane, s, a, far)
 #endif
-}
-
-INLINE fall_at(LANE_IN, state *s, const double a, const double b, const int far) {
-#if COUPLED
-   double d[DOF] = {0};
-   const int64_t beyond = fall_by(LANE_OF, s, d, a, far);
-   return beyond | add_part(LANE_OF, s, a * b, 1, DOF, d, s->p, far);
-#else
-   (void)b;
-   return fall(LANE_OF, s, a, far);
-#endif
-}
-
-INLINE drift_at(LANE_IN, state *s, const double a, const double b, const int far) {
-#if COUPLED
-   double d[DOF] = {0};
-   const int64_t beyond = drift_by(LANE_OF, s, d, a, far);
-   return beyond | add_part(LANE_OF, s, -a * b, DOF, 1, d, s->q, far);
-#else
-   (void)b;
-   return drift(LANE_OF, s, a, far);
-#endif
-}
 
 /* p' = p - S_q(q, p'), q' = q + S_p(q, p') */
 INLINE symplectic_euler(LANE_IN, state *s, const int far) {
