@@ -24,6 +24,7 @@ quadratic            the quadratic part of H whose flow is exact between kicks
 structure            traits and invariants, derived from formulas
 emit_c               C for the callbacks of the library
 emit_flow            C for whole steps of a scheme; the steps are in the headers flow_*.h
+emit_lane            C for one lane of such a step: derivatives, kicks and drifts, eliminations
 sites                chains: sums over sites
 site_reader          texts about sites: q[i + 1], m[i], Sum(.., i), Sum(.., i < j)
 site_traits          traits of sums over sites
