@@ -18,7 +18,9 @@ from .native.progress import Monitor
 from .run.bath_law import BathLaw, bath_law
 from .run.exact_moments import ExactMoments, exact_moments
 from .run.gradient import part_of
-from .run.setup import Setup, increments_array, make_options, make_setup, unchanged
+from .run.increments import increments_array, unchanged
+from .run.options import make_options
+from .run.setup import Setup, make_setup
 from .run.simulate import Run
 from .run.step import increments_at, of_options
 from .run.tangent import take_vectors

@@ -17,7 +17,7 @@ from clock import WorkClock
 from recorded import code, facts
 from recorded_runs import MADE, SCHEMES, scheme_of, square
 from symsde.answers.expectation import choice
-from symsde.run import setup
+from symsde.run import options as run_options
 from test_axes_models import MODELS, compiled
 
 
@@ -245,7 +245,7 @@ def refusals():
     """Messages for bad input, with their numbers."""
     model, place = ss.models.henon_heiles(), {"q0": 0.1, "p0": 0.2, "step": 0.1, "steps": 4}
     calls = {"simulate": ss.simulate, "moments": ss.moments, "prepare": ss.prepare}
-    for name, of in itertools.product(("q0", *setup.OPTIONS, "q0_low", "increments", "scheme", "unknown"), calls):
+    for name, of in itertools.product(("q0", *run_options.OPTIONS, "q0_low", "increments", "scheme", "unknown"), calls):
         given = place if of != "prepare" else {x: place[x] for x in ("q0", "p0", "step")}
         yield f"{of} {name}", [code([said_of(calls[of], model, **given | {name: x}) for x in (*BAD, 10**30)])]
     for name, given in KINDS.items():

@@ -15,7 +15,8 @@ import symsde as ss
 from symsde.native import abi, handles
 from symsde.native.checks import address
 from symsde.native.library import library
-from symsde.run import setup
+from symsde.run import options as run_options
+from symsde.schemes import as_scheme
 
 HERE = Path(ss.__file__).parent
 START = {"q0": 1.0, "p0": 0.0}
@@ -68,7 +69,7 @@ def sentence_of(**given):
 
 def calls_in_c():
     """Every function of C that takes options: name -> a call with these options."""
-    model, scheme = ss.models.kubo(), setup.as_scheme("midpoint")
+    model, scheme = ss.models.kubo(), as_scheme("midpoint")
     room = np.ones(64)
     at = address(room)
     handle = model._handles.take()
@@ -175,7 +176,7 @@ def test_functions_of_python_refuse_with_the_sentence_of_the_library(wrong):
 
 def stated():
     """The defaults of all options: those of the library, and the defaults of options for which the library has none."""
-    return {**setup._DEFAULTS, "scheme": "midpoint", "threads": None, "lanes": None}
+    return {**run_options.DEFAULTS, "scheme": "midpoint", "threads": None, "lanes": None}
 
 
 def test_the_library_has_the_defaults():
@@ -185,7 +186,7 @@ def test_the_library_has_the_defaults():
     options = handles.new(abi.Options, "options")
     assert (options.step, options.steps) == (0, 0)  # are required
     assert (options.paths, options.save_every, options.seed) == (1, 1, 0)
-    for name, value in setup._DEFAULTS.items():
+    for name, value in run_options.DEFAULTS.items():
         if type(value) in (int, float, bool):
             assert getattr(options, name) == value and type(value) is not str
     assert set(stated()) == set(inspect.signature(ss.simulate).parameters) - {

@@ -14,7 +14,7 @@ import pytest
 import symsde as ss
 from symsde.native import abi, handles
 from symsde.native import progress as _progress
-from symsde.run import setup
+from symsde.run import options as run_options
 
 
 def test_shapes(options):
@@ -435,9 +435,9 @@ def test_rounding_that_cycles_ends_an_iteration():
 def test_defaults_of_options_are_those_of_the_library():
     """Defaults come from the library, and reading one changes nothing."""
     library = bytes(handles.new(abi.Options, "options"))
-    for name, read in setup._READ.items():
+    for name, read in run_options.READ.items():
         options = handles.new(abi.Options, "options")
-        read(options, name, setup._DEFAULTS[name])
+        read(options, name, run_options.DEFAULTS[name])
         assert bytes(options) == library, name
 
 

@@ -15,7 +15,7 @@ import pytest
 import symsde as ss
 from symsde.answers import error_plan
 from symsde.answers.expectation import problem
-from symsde.run import setup
+from symsde.run import options as run_options
 
 PACKAGES = Path(ss.__file__).parents[1]
 RIGHT = """
@@ -91,11 +91,11 @@ def test_checkers_see_results_and_refuse_mistakes(checker, tmp_path):
 
 def test_what_types_say_of_options_is_what_there_is():
     """The options that a function accepts are those in its type annotations."""
-    known = {*setup.OPTIONS, "increments", "q0_low", "p0_low", "scheme", "save_at"} - {"step", "steps"}
-    assert set(setup.RunOptions.__annotations__) == known
-    assert set(setup.PathOptions.__annotations__) == known - {"scheme", "save_every", "save_at", "increments"}
+    known = {*run_options.OPTIONS, "increments", "q0_low", "p0_low", "scheme", "save_at"} - {"step", "steps"}
+    assert set(run_options.RunOptions.__annotations__) == known
+    assert set(run_options.PathOptions.__annotations__) == known - {"scheme", "save_every", "save_at", "increments"}
     types, parameters = (
-        typing.get_type_hints(setup.RunOptions),
+        typing.get_type_hints(run_options.RunOptions),
         inspect.signature(ss.simulate, eval_str=True).parameters,
     )
     for name in known:

@@ -31,7 +31,7 @@ import numpy as np
 
 from ..errors import InvalidArgumentError, PathsFailedWarning
 from ..native import checks
-from ..run.setup import EndOptions
+from ..run.options import EndOptions
 from ..run.simulate import Run
 from ..schemes import Scheme, as_scheme
 from .expectation import bias

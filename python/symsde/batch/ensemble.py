@@ -23,8 +23,9 @@ from ..native.signals import carry
 from ..run.moments import Moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
+from ..run.options import RunOptions
 from ..run.report import warn_of_growth
-from ..run.setup import RunOptions, Setup, make_setup
+from ..run.setup import Setup, make_setup
 from ..run.states.law import States
 from . import computed, manifest, numerics
 from .dispatch import Context, dispatch

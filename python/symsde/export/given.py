@@ -18,7 +18,8 @@ from ..model.definition import require_closed
 from ..model.formulas import FormulaModel
 from ..model.split import Split
 from ..native import abi
-from ..run.setup import make_options, make_setup
+from ..run.options import make_options
+from ..run.setup import make_setup
 
 #: names of components and procedures of the type that a Fortran model extends (src/model/abstract.f90)
 _TAKEN = frozenset(

@@ -18,8 +18,9 @@ from ..native import checks, files
 from ..show import plot, tables
 from .fit_data import Data, read_data, steps_of
 from .gradient import names_of, refuse_compensated
+from .options import RunOptions
 from .report import make_report
-from .setup import RunOptions, Setup, make_setup
+from .setup import Setup, make_setup
 from .tangent import take_vectors
 
 _SAME = 1e-10  #: singular values of scaled derivatives below this share of the largest count as zero

@@ -18,8 +18,9 @@ from ..model.formulas.wide import Positions, parameter_names, wide_model
 from ..native import abi, callbacks, checks, handles
 from ..native.checks import address
 from ..native.progress import Monitor, Progress
+from .options import RunOptions
 from .report import Report, make_report, warn_of_growth
-from .setup import RunOptions, Setup, make_setup
+from .setup import Setup, make_setup
 
 _NUMBERS = 2**23  #: most numbers of states that a long run holds at once
 _UNIT = 256  #: paths of a group are a multiple of this

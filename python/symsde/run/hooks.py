@@ -15,7 +15,8 @@ from ..model.definition import Model, require_model
 from ..native import checks
 from ..native.files import optional
 from .gradient import gradient, names_of, refuse_compensated
-from .setup import RunOptions, make_setup
+from .options import RunOptions
+from .setup import make_setup
 
 _STATES = ("q0", "p0")
 

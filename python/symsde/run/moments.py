@@ -31,9 +31,10 @@ from .kept_paths import KeptPaths
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, merge, structs
+from .options import RunOptions
 from .report import Reported, filled
 from .saved import MomentTables
-from .setup import RunOptions, Setup, make_setup
+from .setup import Setup, make_setup
 
 _NONE = np.empty(0, np.int64)  #: no failed paths
 

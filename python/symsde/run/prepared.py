@@ -17,8 +17,10 @@ from ..native.library import library
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry, held
 from ..schemes import Scheme
+from .increments import increments_array, put_increments
+from .options import PathOptions
 from .report import Report, filled, make_report, warn_of_growth
-from .setup import PathOptions, Setup, increments_array, kind_of_setup, make_setup, put_increments
+from .setup import Setup, kind_of_setup, make_setup
 from .simulate import Run
 from .states.law import States
 

@@ -6,67 +6,27 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
-from ..errors import IncompatibleError, InvalidArgumentError, RepeatedNoiseWarning, WrongShapeError, WrongTypeError
-from ..model.definition import Model, require_model
+from ..errors import InvalidArgumentError, RepeatedNoiseWarning, WrongShapeError, WrongTypeError
+from ..model.definition import Model
 from ..native import abi, checks
 from ..native import handles as _handles
-from ..native.checks import INT32, INT64, UINT64, address, addresses
-from ..native.progress import Monitor, threads_of
+from ..native.checks import address, addresses
+from ..native.progress import Monitor
 from ..schemes import Scheme, as_scheme
+from .increments import increments_array, put_increments
+from .options import checked, noises, options_of
 from .states.law import States
 
-_LIBRARY_LANES = 64  # lanes that a block of the library has at most for large systems
-_PYTHON_VALUES = 2048  # most numbers of an array passed to a Python function
 _COUNT = 2**47  # number of values of the random generator's counter of steps
 _ON_GRID = 1e-6  # distance from a step, in steps, of times that are typed
-_COPIED = 4096  # most numbers of increments that are copied
 _WHOLE = 1e-9  # relative error of times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
-
-
-class EndOptions(TypedDict, total=False):
-    """Options of `simulate` that functions for final states share."""
-
-    t0: float
-    correction: str
-    truncation: tuple[float, float] | None
-    areas: str
-    area_time: float | None
-    damping_noise: str
-    compensated: bool
-    threads: int | None
-
-
-class PathOptions(EndOptions, total=False):
-    """Options of `simulate` that functions of whole paths share."""
-
-    paths: int
-    seed: int
-    refine: int
-    first_path: int
-    first_step: int
-    common_noise: int | Sequence[int]
-    general: bool
-    fixed_point: int
-    max_iter: int
-    lanes: int | None
-    q0_low: Any
-    p0_low: Any
-
-
-class RunOptions(PathOptions, total=False):
-    """Options of a run, besides model, initial state and steps."""
-
-    scheme: str | Scheme
-    save_every: int
-    save_at: Any
-    increments: Any
 
 
 @dataclass
@@ -141,7 +101,7 @@ class Setup:
         options = abi.Options.from_buffer_copy(self.options)
         options.first_step, options.steps, options.save_every = first_step, steps, save_every
         q0, p0, *low = (None if part is None else part.copy() for part in state)
-        return Setup(self.model, self.scheme, _checked(options), q0, p0, None, *low)
+        return Setup(self.model, self.scheme, checked(options), q0, p0, None, *low)
 
     def repeated_noise(self) -> str:
         """A warning if states of paths begin whole steps after time 0 but with the noise of step 0; else empty."""
@@ -172,7 +132,7 @@ class Setup:
         chosen["areas"] = abi.AREAS[self.options.areas]
         if "damping_noise" in chosen:
             chosen["damping_noise"] = abi.DAMPING_NOISES[self.options.damping_noise]
-        chosen["common_noise"] = list(_noises(self.options))
+        chosen["common_noise"] = list(noises(self.options))
         chosen["correction"] = abi.CORRECTIONS[self.options.correction]
         return {
             "model": self.model.name,
@@ -254,148 +214,6 @@ class DrawnSetup(Setup):
         return {**self.__dict__, "_found": left}
 
 
-def _integer(bounds: tuple[int, int]) -> Callable:
-    def read(options: abi.Options, name: str, value: object) -> None:
-        setattr(options, name, checks.integer(name, value, bounds))
-
-    return read
-
-
-def _choice(known: Sequence[str]) -> Callable:
-    def read(options: abi.Options, name: str, value: object) -> None:
-        setattr(options, name, checks.choice(name, value, known))
-
-    return read
-
-
-def _number(options: abi.Options, name: str, value: object) -> None:
-    setattr(options, name, checks.number(name, value))
-
-
-def _flag(options: abi.Options, name: str, value: object) -> None:
-    setattr(options, name, checks.flag(name, value))
-
-
-def _truncation(options: abi.Options, _name: str, value: object) -> None:
-    """Order and time scale of truncated increments; (0, 0) for none."""
-    if value is None:
-        return
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        raise WrongTypeError(
-            f"truncation = {checks.shown(value)} is not allowed: give None or a pair (order, time scale), as (2, 1.0)"
-        )
-    options.truncation = checks.finite("order of truncation", value[0])
-    options.truncation_time = checks.finite("time scale of truncation", value[1])
-
-
-def _area_time(options: abi.Options, name: str, value: object) -> None:
-    if value is not None:
-        _number(options, name, value)
-
-
-def _common_noise(options: abi.Options, _name: str, value: object) -> None:
-    """Set bits for the numbers of common noises."""
-    several = checks.items(value)
-    numbers = [checks.integer("common_noise", k, INT32) for k in ([value] if several is None else several)]
-    for k in numbers:
-        if not 1 <= k <= 64:
-            raise InvalidArgumentError(
-                f"common_noise holds {k}: noises count from 1, and those that all paths share are among the first 64"
-            )
-    options.common_noise = sum(1 << (k - 1) for k in set(numbers))
-
-
-#: option -> a function that checks a value other than its default, and stores it
-_READ: dict[str, Callable] = {
-    **dict.fromkeys(("paths", "save_every", "first_path", "first_step"), _integer(INT64)),
-    "seed": _integer(UINT64),
-    **dict.fromkeys(("refine", "fixed_point", "max_iter"), _integer(INT32)),
-    "t0": _number,
-    "correction": _choice(abi.CORRECTIONS),
-    "truncation": _truncation,
-    "areas": _choice(abi.AREAS),
-    "area_time": _area_time,
-    "damping_noise": _choice(abi.DAMPING_NOISES),
-    "common_noise": _common_noise,
-    **dict.fromkeys(("compensated", "general"), _flag),
-}
-
-
-def _defaults() -> dict[str, Any]:
-    """The values of the options in `_READ` that are used if none are given: the library's defaults."""
-    given = _handles.new(abi.Options, "options")
-    return {name: getattr(given, name) for name in _READ} | {
-        "correction": abi.CORRECTIONS[given.correction],
-        "truncation": (given.truncation, given.truncation_time) if given.truncation else None,
-        "areas": abi.AREAS[given.areas],
-        "damping_noise": abi.DAMPING_NOISES[given.damping_noise],
-        "area_time": given.area_time or None,
-        "common_noise": _noises(given),
-        **{name: bool(getattr(given, name)) for name in ("compensated", "general")},
-    }
-
-
-def _noises(options: abi.Options) -> tuple[int, ...]:
-    """Numbers of the noises that all paths share."""
-    return tuple(k for k in range(1, 65) if options.common_noise >> (k - 1) & 1)
-
-
-_DEFAULTS = _defaults()
-
-#: names of the options of a run
-OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
-
-
-def make_options(model: Model, *, in_python: bool = False, **given: object) -> abi.Options:
-    """The struct of options for the C interface, from the values of `OPTIONS`."""
-    return _options_of(model, given, in_python)
-
-
-def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Options:
-    """Make the options from a dictionary, which is consumed; types are checked here, and all else by the library."""
-    take = given.pop
-    step, steps, threads, lanes = take("step", None), take("steps", None), take("threads", None), take("lanes", None)
-    changed = _changed(given)
-    require_model(model)
-    if step is None or steps is None:
-        missing = "step" if step is None else "steps"
-        raise WrongTypeError(f"{missing} is missing: give step, the size h, and steps, their number")
-    options = _handles.new(abi.Options, "options")
-    options.step = checks.number("step", step)
-    options.steps = checks.integer("steps", steps)
-    for key in changed:
-        _READ[key](options, key, given[key])
-    if lanes is not None:
-        options.lanes = checks.integer("lanes", lanes, INT32)
-    elif model.in_python:
-        options.lanes = _lanes_for(model, options.paths)
-    options.threads = threads_of(threads, in_python or model.in_python)
-    return _checked(options)
-
-
-def _checked(options: abi.Options) -> abi.Options:
-    """These options, if the library accepts them: checked before any size in them is used."""
-    _handles.call("options_check", ctypes.byref(options))
-    return options
-
-
-def _changed(given: dict[str, Any]) -> list[str]:
-    """Options that differ from their defaults; only few do, and checking all would take part of the time of a short
-    run.
-    """
-    try:
-        return [key for key, value in given.items() if value is not _DEFAULTS[key]]
-    except KeyError as unknown:
-        key = unknown.args[0]
-        raise checks.no_option(key, ["scheme", *OPTIONS]) from None
-
-
-def _lanes_for(model: Model, paths: int) -> int:
-    """Lanes of a block for Python functions, whose calls take microseconds: more than the library's choice (0)."""
-    lanes = min(_PYTHON_VALUES // model.ndof, paths + 7) // 8 * 8
-    return lanes if lanes > _LIBRARY_LANES else 0
-
-
 def make_setup(model: Model, *, q0: object, p0: object, **given: Any) -> Setup:
     """Check all inputs of a run: arguments of `simulate`, and in_python for Python functions besides the model's."""
     return setup_of({"model": model, "q0": q0, "p0": p0, **given})
@@ -407,7 +225,7 @@ def setup_of(given: dict[str, Any]) -> Setup:
     model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
     save_at, rows = take("save_at", None), take("row_paths", 1)
-    chosen = _options_of(model, given, take("in_python", False))
+    chosen = options_of(model, given, take("in_python", False))
     if save_at is not None and chosen.save_every != 1:
         raise WrongTypeError("save_at has the times that are saved, and save_every the steps between them: give one")
     saved = None if save_at is None else _saved_steps(save_at, chosen)
@@ -468,52 +286,6 @@ def _other_paths(model: Model, paths: int) -> WrongShapeError:
         f"{'have' if len(arrays) > 1 else 'has'} {model.paths} values, one for each path, and the run has "
         f"{checks.counted(paths, 'path')}: give paths={model.paths}, or as many values as paths"
     )
-
-
-class Lent(np.ndarray):
-    """Increments in the caller's memory, with some of their numbers, which tell that the caller has written there."""
-
-    seen: np.ndarray | None = None
-
-    def sample(self) -> np.ndarray:
-        """Some of the numbers, from all over the array."""
-        places = np.linspace(0, self.size - 1, 64).astype(np.int64)
-        return np.asarray(self)[np.unravel_index(places, self.shape)]
-
-
-def unchanged(increments: np.ndarray) -> np.ndarray:
-    """The increments of a run, for its analysis; refused if a sampled number is no longer the one that drove it."""
-    if isinstance(increments, Lent) and increments.seen is not None and (increments.sample() != increments.seen).any():
-        raise IncompatibleError(
-            "the increments of this run have been changed since: large arrays are not copied, so leave yours as it is "
-            "while runs that it drove are analysed, or give simulate a copy"
-        )
-    return increments
-
-
-def put_increments(given: abi.Input, increments: np.ndarray) -> None:
-    """Store increments (row, noise, path) in an input; they must live as long as the input."""
-    given.increments = increments.ctypes.data
-    given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
-    given.strides = (ctypes.c_int64 * 3)(*(step // 8 for step in increments.strides))  # lives as long as the input
-    given.increment_strides = ctypes.addressof(given.strides)
-
-
-def increments_array(value: object) -> np.ndarray:
-    """Prescribed increments as (row, noise, 1 or path), in any order of memory. Large arrays are not copied."""
-    array = checks.real_array("increments", value)
-    if array.ndim == 2:
-        array = array[:, :, np.newaxis]
-    if array.ndim != 3:
-        raise WrongShapeError(
-            f"increments has shape {array.shape}: give (steps*2**refine, noise, path), or "
-            "(steps*2**refine, noise) for all paths"
-        )
-    if array.size <= _COPIED or not array.flags.aligned or any(step < 0 or step % 8 for step in array.strides):
-        return np.array(array, order="C")
-    lent = array.view(Lent)
-    lent.seen = lent.sample()
-    return lent
 
 
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray:

@@ -13,7 +13,8 @@ from ..native import abi, checks
 from ..native.checks import address
 from ..native.progress import Monitor
 from ..schemes import Scheme, as_scheme
-from .setup import PathOptions, make_options, make_setup
+from .options import PathOptions, make_options
+from .setup import make_setup
 from .simulate import Run
 
 _DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}

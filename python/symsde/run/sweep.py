@@ -32,8 +32,9 @@ from .observers.observables import (
     described,
     refuse_coordinates,
 )
+from .options import RunOptions
 from .report import Report, warn_of_growth
-from .setup import RunOptions, Setup, make_setup
+from .setup import Setup, make_setup
 
 _NUMBERS = 2**23  #: numbers of the saved paths of some values that are run at once
 _PATHS = 2**22  #: paths of some values that are run at once, if only their means are kept

@@ -17,8 +17,9 @@ from ..native import abi, checks, handles
 from ..native.checks import address
 from ..native.progress import Monitor, Progress
 from .gradient import groups_of, mean_of, names_of, part_of, refuse_compensated, values_of
+from .options import RunOptions
 from .report import Report, make_report
-from .setup import RunOptions, Setup, make_setup
+from .setup import Setup, make_setup
 
 _TURN = 8  #: steps between two decompositions v = Q R
 

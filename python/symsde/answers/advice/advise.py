@@ -15,7 +15,7 @@ from ...model.commutator import commutator
 from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress, told_by
-from ...run.setup import EndOptions
+from ...run.options import EndOptions
 from ...schemes import Scheme
 from ...show import tables
 from ..expectation.candidates import fitting, frequency

@@ -9,7 +9,7 @@ from typing import Any, Unpack, overload
 from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress
-from ...run.setup import EndOptions
+from ...run.options import EndOptions
 from ...schemes import Scheme, as_scheme
 from .answer import Answer
 from .by_value import Answers, answers_by_value, grid_of

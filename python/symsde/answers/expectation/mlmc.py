@@ -19,7 +19,7 @@ from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress
 from ...native.signals import carry
-from ...run.setup import EndOptions
+from ...run.options import EndOptions
 from ...schemes import Scheme, as_scheme
 from ..coupled import MOST_LEVELS, NOTHING, Levels, LevelSampler
 from . import bias as weak

@@ -17,8 +17,9 @@ from ...model.definition import Model, require_model
 from ...model.formulas.formula_observables import FormulaObservables
 from ...native import checks
 from ...run.moments import try_out
+from ...run.options import EndOptions
 from ...run.report import Report
-from ...run.setup import EndOptions, make_setup
+from ...run.setup import make_setup
 from ...run.simulate import Run, simulate
 from ...run.states.law import States
 from ...run.step import increments
