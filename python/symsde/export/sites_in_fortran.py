@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..model.formulas.chain import Chain, Density
 from ..model.formulas.site_loops import entries
-from ..model.formulas.site_reader import Row
-from ..model.formulas.sites import Chain, Density, Place
+from ..model.formulas.site_reader import Place, Row
 from .expressions import PRODUCT, Expressions, wrapped
 from .given import Given, harmless
 

@@ -25,7 +25,9 @@ structure            traits and invariants, derived from formulas
 emit_c               C for the callbacks of the library
 emit_flow            C for whole steps of a scheme; the steps are in the headers flow_*.h
 emit_lane            C for one lane of such a step: derivatives, kicks and drifts, eliminations
-sites                chains: sums over sites
+chain                chains: densities of sums over sites, and what is derived from them
+sites                reads texts about sites into chains
+site_ends            the ends of a chain: free, fixed, periodic
 site_reader          texts about sites: q[i + 1], m[i], Sum(.., i), Sum(.., i < j)
 site_traits          traits of sums over sites
 site_parts           the quadratic part of sums over sites whose flow is exact between kicks

@@ -29,7 +29,7 @@ MAX_TERMS = 2_000  #: most terms of a formula that is multiplied out to find out
 class Outer:
     """Functions F_j of sums over sites, for the Hamiltonians that contain such a function."""
 
-    numbers: tuple[Any, ...]  #: the Hamiltonians that contain F_j, as `sites.Number`
+    numbers: tuple[Any, ...]  #: the Hamiltonians that contain F_j, as `site_reader.Number`
     derivatives: Derivatives  #: derivatives with respect to the sums: coordinate k is sum k
 
     @property

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ...native.files import optional
+from .chain import Chain
 from .derivatives import Derivatives
 from .emit_c import NEAR, Writer
 from .emit_rows import has_rows, together
 from .graph import reachable
 from .named_formulas import Problem
-from .sites import Chain
 
 MOST_SITES = 2048  #: most sites of a chain whose states stay near, by five arrays of a strip on the stack
 TABLEAUX = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")

@@ -8,10 +8,10 @@ sites only, also needs the gradients of the sums.
 from __future__ import annotations
 
 from . import pair_loops
+from .chain import Chain
 from .derivatives import Derivatives
 from .emit_c import Loops
 from .site_loops import additions, one_or_many
-from .sites import Chain
 
 #: arrays of outputs besides the weights w: g, the derivatives of the functions with respect to the sums; r, the product
 #: of the second derivatives and a vector

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...native.files import optional
+from .chain import Chain, Density
 from .derivatives import Derivatives
 from .emit_c import Writer
 from .named_formulas import Problem
-from .sites import Chain, Density, Number
+from .site_reader import Number
 
 #: number of lanes that the library passes at once (strip_lanes): the results for the next row stay in registers
 LANES = 16

@@ -8,11 +8,12 @@ have their own weights g (`emit_collective.py`).
 from __future__ import annotations
 
 from . import emit_chain_flow, emit_collective, emit_rows, pair_loops
+from .chain import Chain, Density
 from .emit_c import MACROS, lane_functions
+from .site_ends import row_macro
 from .site_loops import GRADIENT, VECTORS, additions, one_or_many
 from .site_reader import Shape
 from .site_traits import is_quadratic
-from .sites import Chain, Density, row_macro
 
 KINDS = {
     "value": ("value",),

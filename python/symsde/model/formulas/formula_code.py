@@ -31,10 +31,11 @@ from . import (
 )
 from . import forces as _forces
 from . import rates as _rates
+from .chain import Chain
 from .derivatives import Derivatives
 from .graph import OF_ORDER, SCALAR
 from .named_formulas import MAX_DOF, Problem, make_problem, quoted, several
-from .sites import Chain, make_chain
+from .sites import make_chain
 from .structure import Prover, Structure
 
 if TYPE_CHECKING:

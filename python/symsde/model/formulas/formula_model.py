@@ -21,11 +21,12 @@ from ..user_handles import ModelHandle, derived, with_kernels
 from . import compiler, emit_c, emit_chain_flow, emit_flow, formula_code, in_numpy, matrices, parameters, warn
 from . import forces as _forces
 from . import rates as _rates
+from .chain import Chain
 from .derivatives import Derivatives
 from .formula_code import Code, Formula
 from .named_formulas import MAX_DOF, default_names, named, quoted, several
 from .parse import folded
-from .sites import Chain, by_site
+from .sites import by_site
 
 
 class FormulaModel(Model):

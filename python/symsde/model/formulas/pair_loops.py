@@ -8,9 +8,9 @@ pair after the other, so that bits are those of many lanes.
 
 from __future__ import annotations
 
+from .chain import Summand
 from .site_loops import site_loop, summand
 from .site_reader import Shape
-from .sites import Summand
 
 HEAD = "enum { STRIP = 8, TILE_OF_PAIRS = 128 }; /* lanes, and sites of one lane, that are computed together */\n"
 BODY = """INLINE {name}_pairs({parameters}, const int lanes, const int far) {{

@@ -19,12 +19,13 @@ from ...native import checks
 from ...native.files import optional
 from ..definition import Model
 from . import compiler, emit_sites, kinks
+from .chain import Chain
 from .collective import make_outer
 from .formula_observables import Sites, known_names, letters_of, sites_of
 from .parse import FormulaTextError, is_name
 from .site_reader import Number, Row, SiteReader
 from .site_traits import traits_of
-from .sites import Chain, _fixed_rows, _inner, _Whose
+from .sites import Owner, fixed_rows, inner_densities
 from .wide import Positions
 
 
@@ -74,7 +75,7 @@ def _compiled(
     reader = SiteReader(known.known, None, sites.components, sites.arrays)
     total = known.canonical(formula, reader)
     fixed = tuple(sorted(fixed, key=lambda x: x not in sites.arrays))
-    rows = _fixed_rows(fixed, sites.arrays, list(numbers))
+    rows = fixed_rows(fixed, sites.arrays, list(numbers))
     whole = [total, *reader.sums.values()]
     places = {x.name for e in whole for x in e.free_symbols if re.fullmatch("[qp][0-9]+", x.name)}
     rows |= {x: Row(component=int(x[1:]), fixed="at") for x in places}
@@ -83,11 +84,11 @@ def _compiled(
             require_derivative(sympy.diff(e, x), formula, str(x))
     alone = sorted((x for x in total.free_symbols if x.name in rows), key=str)
     new = {x: sympy.Symbol(f"q{k}", real=True) for k, x in enumerate([*reader.sums, *alone])}
-    whose = _Whose(formula, Number(), False, dict.fromkeys(numbers, 0.0), rows)
+    owner = Owner(formula, Number(), False, dict.fromkeys(numbers, 0.0), rows)
     try:
         bodies = [*map(kinks.in_cases, reader.sums.values()), *alone]
-        densities = _inner(bodies, whose, ends, sites.count)
-        outer = make_outer([(Number(), kinks.in_cases(total).xreplace(new), formula)], len(new), whose.parameters)
+        densities = inner_densities(bodies, owner, ends, sites.count)
+        outer = make_outer([(Number(), kinks.in_cases(total).xreplace(new), formula)], len(new), owner.parameters)
     except FormulaTextError as error:
         raise IncompatibleError(f"f = {checks.shown(formula)} has no derivatives here: {error}; give a pair") from None
     chain = Chain(
@@ -99,7 +100,7 @@ def _compiled(
         densities=tuple(densities),
         outer=outer,
         texts=(formula,),
-        parameters=whose.parameters,
+        parameters=owner.parameters,
         kinked=(),
         traits=traits_of(densities, outer, (sites.count, size), ends == "periodic"),
         part=None,

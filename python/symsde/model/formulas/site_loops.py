@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from .chain import Density, Summand
 from .derivatives import BLOCKS
 from .emit_c import Writer
 from .graph import reachable
 from .site_reader import Shape
-from .sites import Density, Summand
 
 #: vectors that outputs depend on besides the state: for products with the Hessian, and for third derivatives
 VECTORS = dict.fromkeys(("uq", "up"), ("vq", "vp")) | dict.fromkeys(("tq", "tp"), ("aq", "ap", "bq", "bp"))

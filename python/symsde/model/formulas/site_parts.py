@@ -19,11 +19,11 @@ import numpy as np
 from ...errors import InvalidArgumentError
 from ...native.files import optional
 from . import in_numpy, quadratic
+from .chain import Density
 from .named_formulas import quoted
 
 if TYPE_CHECKING:
     from ..split import Split
-    from .sites import Density
 
 MOST = 512  #: degrees of freedom, all of which one matrix may couple; its exponential takes the cube of their number
 

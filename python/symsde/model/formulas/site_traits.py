@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from . import kinks
-
-if TYPE_CHECKING:
-    from .collective import Outer
-    from .sites import Density
+from .chain import Density
+from .collective import Outer
 
 
 def _block(d: Density, name: str, j: int = 0) -> list[Any]:

@@ -16,8 +16,8 @@ import numpy as np
 from . import pair_loops
 from .graph import Graph
 from .in_numpy import values_of
-from .site_reader import Row, Shape, locals_of
-from .sites import Place, at_ends, row_macro
+from .site_ends import at_ends, row_macro
+from .site_reader import Place, Row, Shape, locals_of
 
 #: letters of a site's coordinates in graphs: u0, v0 at the first of the rows, u1, v1 .. at the next ones
 LOCAL = {"q": "u", "p": "v"}
