@@ -79,6 +79,15 @@ LANE state ahead_of(LANE_IN, const state *s, const int far) {
    kick_free(w + NHAM * n, n, c, 0.5 * h FADE, &free, 1, far);
    return kicked_ahead(s, &free);
 }
+
+/* A drift between these kicks: the second one acts on the momenta ahead, too. */
+INLINE leap_beside(LANE_IN, state *s, const int leg, const state *ahead, const int far) {
+   const int64_t beyond = drift(LANE_OF, s, fade.reach[leg], far);
+   lose_beside(fade.leg[leg], ahead, s);
+   return beyond;
+}
+#else
+#define leap_beside(lane, s, leg, ahead, far) leap(lane, s, leg, far)
 #endif
 
 INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
@@ -91,17 +100,11 @@ INLINE gauss_dkdkd(LANE_IN, state *s, const int far) {
 #if DAMPED
    state ahead = ahead_of(LANE_OF, s, far);
    kick_bound(w, n, c, 0.5 * h FADE, &ahead, 1, far);
+#endif
    beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
-   beyond |= drift(LANE_OF, s, fade.reach[1], far);
-   lose_beside(fade.leg[1], &ahead, s);
+   beyond |= leap_beside(LANE_OF, s, 1, &ahead, far);
    beyond |= kick_bound(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
    return beyond | leap(LANE_OF, s, 0, far);
-#else
-   beyond |= kick(w, n, c, 0.5 * h FADE, s, 1, far);
-   beyond |= leap(LANE_OF, s, 1, far);
-   beyond |= kick(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
-   return beyond | leap(LANE_OF, s, 0, far);
-#endif
 }
 
 /* p - part h |h| sum_k H_k,qq M^-1 H_k,q: what kicks add for the mean of the second Magnus term of noises */
@@ -121,19 +124,12 @@ INLINE verlet_kdk(LANE_IN, state *s, const int far) {
    state ahead = ahead_of(LANE_OF, s, far);
    fall_bound(w, n, c, 0.5 * h FADE, &ahead, 1, far);
    push(LANE_OF, &ahead, 1 / 12.0, far);
+#endif
    int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
    beyond |= push(LANE_OF, s, 1 / 12.0, far);
-   beyond |= drift(LANE_OF, s, fade.reach[2], far);
-   lose_beside(fade.leg[2], &ahead, s);
+   beyond |= leap_beside(LANE_OF, s, 2, &ahead, far);
    beyond |= places(LANE_OF, s, s->e, far);
    beyond |= fall_bound(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
-#else
-   int64_t beyond = fall(w, n, c, 0.5 * h FADE, s, 1, far);
-   beyond |= push(LANE_OF, s, 1 / 12.0, far);
-   beyond |= leap(LANE_OF, s, 2, far);
-   beyond |= places(LANE_OF, s, s->e, far);
-   beyond |= fall(w + NHAM * n, n, c, 0.5 * h FADE, s, 1, far);
-#endif
    beyond |= push(LANE_OF, s, 1 / 12.0, far);
    settle(s);
    return beyond;

@@ -46,6 +46,8 @@ LANE void lose(const double part, state *s) {
 }
 #else
 #define lose(part, s)
+#define kick_bound kick
+#define fall_bound fall
 #endif
 
 #if EXPLICIT
@@ -142,11 +144,7 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    beyond |= drift_at(LANE_OF, s, 1, 0.5, far);
 #endif
    beyond |= places(LANE_OF, s, s->e, far);
-#if DAMPED
    return beyond | fall_bound(LANE_OF, s, 0.5, far);
-#else
-   return beyond | fall(LANE_OF, s, 0.5, far);
-#endif
 }
 
 /* half a drift, a kick, half a drift; of damped momenta half of the kick decays with them */
