@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import importlib
 import itertools
-from collections.abc import Container, Iterable
+from collections.abc import Container
 from dataclasses import replace
 from typing import Any
 
@@ -231,16 +231,12 @@ class Derivatives:
     def bend(self) -> list[int]:
         """Nodes of the gradient of half of sum_k H_k,q.M^-1 H_k,q over the noises."""
         graph, q, p = self.graph, self.problem.coordinates("q"), self.problem.coordinates("p")
-
-        def dot(pairs: Iterable[tuple[int, int]]) -> int:
-            return graph.sum(graph.multiply(a, b) for a, b in pairs)
-
         found: list[list[int]] = [[] for _ in q]
         for k in range(1, self.problem.nnoise + 1):
             slope = [self.node(k, x) for x in q]
-            moved = [dot((self.node(0, y, z), s) for z, s in zip(p, slope, strict=True)) for y in p]
+            moved = [graph.dot((self.node(0, y, z), s) for z, s in zip(p, slope, strict=True)) for y in p]
             for i, x in enumerate(q):
-                found[i].append(dot((self.node(k, x, y), v) for y, v in zip(q, moved, strict=True)))
+                found[i].append(graph.dot((self.node(k, x, y), v) for y, v in zip(q, moved, strict=True)))
         return [graph.sum(x) for x in found]
 
     def _found_squares(self) -> dict[str, list[int]]:
@@ -295,14 +291,14 @@ class Derivatives:
                     [(j, factor)] = parts.items()
                     alone.setdefault(j, []).append((factor, self._node(function)))
                 else:
-                    coefficient = graph.sum(graph.multiply(factor, weights[j]) for j, factor in parts.items())
+                    coefficient = graph.dot((factor, weights[j]) for j, factor in parts.items())
                     terms.append(graph.multiply(coefficient, self._node(function)))
             for j, group in alone.items():
                 if len(group) == 1:
                     [(factor, function)] = group
                     terms.append(graph.multiply(graph.multiply(factor, weights[j]), function))
                 else:
-                    inner = graph.sum(graph.multiply(factor, function) for factor, function in group)
+                    inner = graph.dot(group)
                     terms.append(graph.multiply(weights[j], inner))
         except InvalidArgumentError as error:
             where = f"the derivative by {what} of " if what else ""

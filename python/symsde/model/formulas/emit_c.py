@@ -192,15 +192,12 @@ class _File(Loops):
         qq, qp, pp = (derivatives.outputs[x] for x in ("hqq", "hqp", "hpp"))
         vq, vp = ([graph.leaf(f"{name}{i}", True) for i in range(n)] for name in ("vq", "vp"))
 
-        def dot(pairs: Iterable[tuple[int, int]]) -> int:
-            return graph.sum(graph.multiply(a, b) for a, b in pairs)
-
         for name, own, other, mine, others, turned in (
             ("uq", vq, vp, qq, qp, False),
             ("up", vp, vq, pp, qp, True),
         ):
             self.outputs[name] = [
-                dot(
+                graph.dot(
                     [(mine[j * n + i], own[j]) for j in range(n)]
                     + [(others[i * n + j] if turned else others[j * n + i], other[j]) for j in range(n)]
                 )

@@ -116,7 +116,7 @@ def _functions(name: str, made: Derivatives) -> list[str]:
     force, (here, beside, _, there) = made.outputs["hq"], made.outputs["hqq"]
     s, r = (graph.leaf(x, True) for x in ("s", "r"))
     pairs = ([(here, s), (beside, r)], [(beside, s), (there, r)])
-    product = [graph.sum(graph.multiply(a, b) for a, b in x) for x in pairs]
+    product = [*map(graph.dot, pairs)]
     found = []
     for what, more, nodes in (("force", "", force), ("product", ", const double s, const double r", product)):
         head = f"void {name}_{what}({ARGUMENTS.format(more=more)}, {RESULTS})"

@@ -99,7 +99,7 @@ def source(made: Derivatives, moving: int | None) -> str:
         return ""
     vectors = [graph.leaf(f"vq{j}", True) for j in range(moving)]
     columns = [made.outputs["hqq"][j * n : (j + 1) * n] for j in range(moving)]
-    products = [graph.sum(graph.multiply(columns[j][i], vectors[j]) for j in range(moving)) for i in range(n)]
+    products = [graph.dot((columns[j][i], vectors[j]) for j in range(moving)) for i in range(n)]
 
     def load(name: str) -> str:
         letter = name.rstrip("0123456789")

@@ -113,6 +113,10 @@ class Graph:
             result = self.multiply(result, x)
         return result
 
+    def dot(self, pairs: Iterable[tuple[int, int]]) -> int:
+        """The sum of products of pairs of nodes."""
+        return self.sum(self.multiply(a, b) for a, b in pairs)
+
     def sum(self, terms: Iterable[int]) -> int:
         """A sum from left to right; negative terms are subtracted, and if all are negative the sum gets the sign."""
         ordered = [x for x in terms if not self.is_number(x, 0.0)]
