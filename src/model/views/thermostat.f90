@@ -20,30 +20,23 @@ module symsde_model_views_thermostat
    use symsde_model_abstract, only: model_type
    use symsde_model_diagonal_mass, only: find_diagonal_mass
    use symsde_model_kernels, only: kernel_model, kernels_of, offers_of, kernel_offers
+   use symsde_model_views_view, only: view_model
    implicit none
    private
    public :: thermostat_model, new_thermostat
 
-   type, extends(kernel_model) :: thermostat_model
-      class(model_type), allocatable :: inner              !! the model without the bath
-      class(model_type), pointer, private :: view => null() !! view of the inner model for a runner, in place of `inner`
+   !> A view of the model without the bath.
+   type, extends(view_model) :: thermostat_model
       real(wp), allocatable :: sigma(:)                    !! sigma_i (ndof)
    contains
       procedure :: gradient
       procedure :: value => value_in_bath
-      procedure :: hessian
-      procedure :: hessian_vector
       procedure :: gradient_hessian
-      procedure :: hessian_banded
       procedure :: force_stiffness
-      procedure :: third_derivative
       procedure :: chain_rows
       procedure :: pair
       procedure :: squares
       procedure :: for_paths
-      procedure :: failure_code
-      procedure :: clear_failure
-      procedure :: note_failure
       procedure :: copy_bath
       final :: release
    end type thermostat_model
@@ -254,15 +247,6 @@ contains
       if (associated(self%view)) deallocate (self%view)
    end subroutine release
 
-   !> The model without the bath.
-   function model_of(self) result(model)
-      class(thermostat_model), intent(in), target :: self
-      class(model_type), pointer :: model
-
-      model => self%view
-      if (.not. associated(model)) model => self%inner
-   end function model_of
-
    !> Gradient of sum_j w_j H_j: with respect to q that of the model minus sigma_i w_{m+i}.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(thermostat_model), intent(in) :: self
@@ -271,7 +255,7 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       class(model_type), pointer :: model
 
-      model => model_of(self)
+      model => self%inside()
       call model%gradient(nlane, ndof, nnoise - ndof, t, w, q, p, hq, hp)
       if (present(hq)) call subtract_noise(nlane, ndof, self%sigma, w(1, nnoise - ndof + 1), hq)
    end subroutine gradient
@@ -284,7 +268,7 @@ contains
       class(model_type), pointer :: model
       integer :: i
 
-      model => model_of(self)
+      model => self%inside()
       call model%value(nlane, ndof, nnoise - ndof, t, w, q, p, value)
       do i = 1, ndof
          value = value - (self%sigma(i)*w(:, nnoise - ndof + i))*q(:, i)
@@ -300,7 +284,7 @@ contains
       real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
       class(model_type), pointer :: model
 
-      model => model_of(self)
+      model => self%inside()
       call model%gradient_hessian(nlane, ndof, nnoise - ndof, t, w, q, p, hq, hp, hqq, hqp, hpp)
       if (present(hq)) call subtract_noise(nlane, ndof, self%sigma, w(1, nnoise - ndof + 1), hq)
    end subroutine gradient_hessian
@@ -313,62 +297,10 @@ contains
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
       class(model_type), pointer :: model
 
-      model => model_of(self)
+      model => self%inside()
       call model%force_stiffness(nlane, ndof, nnoise - ndof, b, t, w, q, p, hq, hqq)
       call subtract_noise(nlane, ndof, self%sigma, w(1, nnoise - ndof + 1), hq)
    end subroutine force_stiffness
-
-   !> Second and third derivatives are those of the model.
-   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
-      class(thermostat_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      call model%hessian(nlane, ndof, nnoise - ndof, t, w, q, p, hqq, hqp, hpp)
-   end subroutine hessian
-
-   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
-      class(thermostat_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
-      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      call model%hessian_vector(nlane, ndof, nnoise - ndof, t, w, q, p, vq, vp, uq, up)
-   end subroutine hessian_vector
-
-   subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
-      class(thermostat_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      integer, intent(in) :: b
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof)
-      real(wp), intent(out), optional :: hqp(nlane, -b:b, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      call model%hessian_banded(nlane, ndof, nnoise - ndof, b, t, w, q, p, hqq, hqp, hpp)
-   end subroutine hessian_banded
-
-   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
-      class(thermostat_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
-      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      call model%third_derivative(nlane, ndof, nnoise - ndof, t, w, q, p, aq, ap, bq, bp, uq, up)
-   end subroutine third_derivative
 
    subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(thermostat_model), intent(in) :: self
@@ -378,7 +310,7 @@ contains
       real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
       class(kernel_model), pointer :: kernels
 
-      kernels => kernels_of(model_of(self))
+      kernels => kernels_of(self%inside())
       call kernels%chain_rows(ndof, nnoise - ndof, first, last, t, w, q, hq, hqq)
       call subtract_noise(strip_lanes, last - first + 1, self%sigma(first:last), w(1, nnoise - ndof + first), hq)
    end subroutine chain_rows
@@ -391,7 +323,7 @@ contains
       real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
       class(kernel_model), pointer :: kernels
 
-      kernels => kernels_of(model_of(self))
+      kernels => kernels_of(self%inside())
       call kernels%pair(nnoise - 2, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       f1 = f1 - self%sigma(1)*w(nnoise - 1)
       f2 = f2 - self%sigma(2)*w(nnoise)
@@ -407,37 +339,12 @@ contains
       real(wp), intent(out), optional :: s(nlane, 6)
       class(kernel_model), pointer :: kernels
 
-      kernels => kernels_of(model_of(self))
+      kernels => kernels_of(self%inside())
       call kernels%squares(nlane, ndof, nnoise - ndof, t, q, g, w, c, s)
       if (.not. present(s)) return
       s(:, 1) = s(:, 1) - self%sigma(1)*w(:, nnoise)
       s(:, 3) = s(:, 3) - self%sigma(1)*c(:, nnoise)
    end subroutine squares
-
-   integer function failure_code(self) result(code)
-      class(thermostat_model), intent(in) :: self
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      code = model%failure_code()
-   end function failure_code
-
-   subroutine clear_failure(self)
-      class(thermostat_model), intent(in) :: self
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      call model%clear_failure()
-   end subroutine clear_failure
-
-   subroutine note_failure(self, code)
-      class(thermostat_model), intent(in) :: self
-      integer, intent(in) :: code
-      class(model_type), pointer :: model
-
-      model => model_of(self)
-      call model%note_failure(code)
-   end subroutine note_failure
 
    !> VEC f_i <- f_i - sigma_i w_i, the gradient of the noises, for n degrees of freedom. The caller passes w from the
    !> column of the first noise on.

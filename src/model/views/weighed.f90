@@ -10,24 +10,18 @@ module symsde_model_views_weighed
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lane_paths, only: lane_paths
    use symsde_model_abstract, only: model_type
+   use symsde_model_views_view, only: view_model
    implicit none
    private
    public :: weighed_model, new_weighed
 
-   type, extends(model_type) :: weighed_model
+   type, extends(view_model) :: weighed_model
       private
-      class(model_type), allocatable :: inner
       real(wp), allocatable :: own(:, :)                   !! a, c_1 .. c_m, b of each path (npath or 1, 0:m+1)
       real(wp), pointer :: table(:, :) => null()           !! the same of another model, in a view that knows its paths
       integer :: onto = 0                                  !! j; 0 = none
    contains
-      procedure :: value => value_inside
-      procedure :: gradient
-      procedure :: hessian
-      procedure :: hessian_vector
-      procedure :: gradient_hessian
-      procedure :: hessian_banded
-      procedure :: third_derivative
+      procedure :: weigh
       procedure :: for_paths
    end type weighed_model
 
@@ -63,11 +57,11 @@ contains
    end subroutine new_weighed
 
    !> The weights of the Hamiltonians of the inner model.
-   subroutine weigh(self, nlane, nnoise, w, v)
+   subroutine weigh(self, nlane, nnoise, m, w, v)
       class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, nnoise
+      integer, intent(in) :: nlane, nnoise, m   !! m = nnoise
       real(wp), intent(in) :: w(nlane, 0:nnoise)
-      real(wp), intent(out) :: v(nlane, 0:nnoise)
+      real(wp), intent(out) :: v(nlane, 0:m)
 
       if (associated(self%table)) then
          call weigh_by(self, self%table, nlane, nnoise, w, v)
@@ -98,92 +92,6 @@ contains
          v(lane, self%onto) = v(lane, self%onto) + factors(row(lane), nnoise + 1)*w(lane, 0)
       end do
    end subroutine weigh_by
-
-   !> See model_type, as all that follow.
-   subroutine value_inside(self, nlane, ndof, nnoise, t, w, q, p, value)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: value(nlane)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%value(nlane, ndof, nnoise, t, v, q, p, value)
-   end subroutine value_inside
-
-   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%gradient(nlane, ndof, nnoise, t, v, q, p, hq, hp)
-   end subroutine gradient
-
-   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%hessian(nlane, ndof, nnoise, t, v, q, p, hqq, hqp, hpp)
-   end subroutine hessian
-
-   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
-      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%hessian_vector(nlane, ndof, nnoise, t, v, q, p, vq, vp, uq, up)
-   end subroutine hessian_vector
-
-   subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%gradient_hessian(nlane, ndof, nnoise, t, v, q, p, hq, hp, hqq, hqp, hpp)
-   end subroutine gradient_hessian
-
-   subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      integer, intent(in) :: b
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof)
-      real(wp), intent(out), optional :: hqp(nlane, -b:b, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%hessian_banded(nlane, ndof, nnoise, b, t, v, q, p, hqq, hqp, hpp)
-   end subroutine hessian_banded
-
-   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
-      class(weighed_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
-      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      real(wp) :: v(nlane, 0:nnoise)
-
-      call weigh(self, nlane, nnoise, w, v)
-      call self%inner%third_derivative(nlane, ndof, nnoise, t, v, q, p, aq, ap, bq, bp, uq, up)
-   end subroutine third_derivative
 
    !> A view that reads its rows of the factors of this model, and has a copy of the inner one.
    subroutine for_paths(self, paths, view)
