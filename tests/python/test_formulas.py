@@ -480,7 +480,7 @@ def test_signs_stand_before_products_and_sums():
     assert graph.multiply(graph.number(-1.0), a) == minus_a
     assert graph.sum([minus_a, minus_b]) == graph.negative(graph.sum([a, b]))
     difference = graph.nodes[graph.sum([minus_a, b])]
-    assert (difference.what, difference.arguments) == ("-", (b, a))
+    assert (difference.kind, difference.arguments) == ("-", (b, a))
 
 
 def test_nothing_is_drawn_for_a_noise_of_strength_zero():

@@ -33,7 +33,7 @@ class Expressions:
         self._text: dict[int, tuple[str, int]] = {}
         for x in reachable(graph, roots):
             text, strength = self._written(x)
-            simple = graph.nodes[x].what in ("leaf", "number", "negative")
+            simple = graph.nodes[x].kind in ("leaf", "number", "negative")
             if not simple and (uses[x] > 1 or len(text) > MAX_CHARACTERS) and x not in roots:
                 name = f"x{len(self.parts) + 1}"
                 self.parts.append((name, text))
@@ -43,22 +43,22 @@ class Expressions:
 
     def _written(self, x: int) -> tuple[str, int]:
         node = self.graph.nodes[x]
-        if node.what == "number":
+        if node.kind == "number":
             text = self.number(node.value)
             return text, SUM if text.startswith("-") else ATOM
-        if node.what == "leaf":
+        if node.kind == "leaf":
             return self.leaf(node.value), ATOM
-        if node.what == "negative":
+        if node.kind == "negative":
             return f"-{self.held(node.arguments[0], PRODUCT)}", SUM
-        if node.what in ("+", "-"):
+        if node.kind in ("+", "-"):
             a, b = node.arguments
-            return f"{self.held(a, SUM)} {node.what} {self.held(b, PRODUCT)}", SUM
-        if node.what in ("*", "/"):
+            return f"{self.held(a, SUM)} {node.kind} {self.held(b, PRODUCT)}", SUM
+        if node.kind in ("*", "/"):
             a, b = node.arguments
-            return f"{self.held(a, PRODUCT)}{node.what}{self.held(b, ATOM)}", PRODUCT
+            return f"{self.held(a, PRODUCT)}{node.kind}{self.held(b, ATOM)}", PRODUCT
         order = [] if node.value is None else [str(node.value)]  # of Bessel functions and polygamma
         arguments = [*order, *(self._text[a][0] for a in node.arguments)]
-        return self.called(node.what, arguments), ATOM
+        return self.called(node.kind, arguments), ATOM
 
     def called(self, function: str, arguments: list[str]) -> str:
         """Write a function of its arguments; a power is an operator, and a comparison is 1 or 0."""
@@ -83,7 +83,7 @@ class Expressions:
 def called(given: Given, functions: Iterable[str]) -> list[str]:
     """The functions among these that the formulas of a model call."""
     made = [d.derivatives for d in given.model._chain.densities] if given.is_chain else [given.model._derivatives]
-    found = {node.what for derivatives in made for node in derivatives.graph.nodes}
+    found = {node.kind for derivatives in made for node in derivatives.graph.nodes}
     return [name for name in functions if name in found]
 
 

@@ -314,16 +314,16 @@ class Model(OpenSystem):
     def __repr__(self) -> str:
         """Name and parameters of the model."""
         parameters = ", ".join(f"{key}={html.told(value)}" for key, value in self.parameters.items())
-        what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
+        text = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
         if self.has_friction:
-            what += f", friction ({self.ndof}, {self.ndof})"
+            text += f", friction ({self.ndof}, {self.ndof})"
         if self._varying:
-            what += f", damping={', '.join(self._varying.told())}"
+            text += f", damping={', '.join(self._varying.told())}"
         rates = () if self.has_friction or self._varying else self.damping
         for key, numbers in (("damping", rates), ("bath at beta", self._bath)):
             if numbers:
-                what += f", {key}=" + (f"{numbers[0]:g}" if len(set(numbers)) == 1 else str(list(numbers)))
-        return f"{self.name}({what}{', forced' if self._forces else ''})"
+                text += f", {key}=" + (f"{numbers[0]:g}" if len(set(numbers)) == 1 else str(list(numbers)))
+        return f"{self.name}({text}{', forced' if self._forces else ''})"
 
     def _repr_html_(self) -> str:
         """Hamiltonians, parameters and traits for notebooks."""
@@ -384,9 +384,9 @@ class Model(OpenSystem):
         address = checks.address
         self.call("model_probe", checks.number("t", t), address(q), address(p))
 
-    def _evaluate(self, what, npath, t, w, *arrays) -> None:
+    def _evaluate(self, operation, npath, t, w, *arrays) -> None:
         addresses = [checks.address(a) for a in (w, *arrays)]
-        self.call(f"model_{what}", npath, checks.number("t", t), *addresses)
+        self.call(f"model_{operation}", npath, checks.number("t", t), *addresses)
 
     def _points(self, q, p, w):
         """Points and weights with one column for each path."""

@@ -202,7 +202,7 @@ class Derivatives:
         needed = reachable(self.graph, roots)
         fixed: set[int] = set()
         for x in needed:
-            is_leaf = nodes[x].what == "leaf"
+            is_leaf = nodes[x].kind == "leaf"
             if nodes[x].value[0] == "c" if is_leaf else fixed.issuperset(nodes[x].arguments):
                 fixed.add(x)
         taken = {a for x in needed if x not in fixed for a in nodes[x].arguments} | set(roots)
@@ -260,7 +260,7 @@ class Derivatives:
             return {}
         # Momenta may be written that no noise depends on; they are not given.
         leaves = (graph.nodes[x] for x in reachable(graph, itertools.chain(*squares.values())))
-        return {} if any(x.what == "leaf" and x.value[0] == "p" for x in leaves) else squares
+        return {} if any(x.kind == "leaf" and x.value[0] == "p" for x in leaves) else squares
 
     def noise_block(self, variables: str) -> list[int]:
         """A block of derivatives of sum_k w_k H_k, the noises alone."""

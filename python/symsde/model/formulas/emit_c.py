@@ -255,18 +255,18 @@ class Writer:
     def lines(self, roots: Iterable[int]) -> tuple[list[str], list[str], bool]:
         """The code before the loop over lanes and inside it, for these nodes; and whether lanes may be far."""
         needed = [(x, self.graph.nodes[x]) for x in reachable(self.graph, roots, self.given) if x not in self.given]
-        before = [x for x, node in needed if not node.lane and node.what not in ("number", "leaf")]
+        before = [x for x, node in needed if not node.lane and node.kind not in ("number", "leaf")]
         done: set[int] = set()
         inside = [line for x, node in needed if node.lane for line in self.statement(x, done)]
-        may_be_far = any(node.lane and node.what in NEAR for _, node in needed)
+        may_be_far = any(node.lane and node.kind in NEAR for _, node in needed)
         return [f"   const double {_name(x)} = {self.operation(x)};" for x in before], inside, may_be_far
 
     def statement(self, x: int, done: set[int]) -> list[str]:
         """The definition of a node in the loop; sine and cosine of the same argument are computed together."""
         node = self.graph.nodes[x]
-        if node.what == "leaf":
+        if node.kind == "leaf":
             return [f"      const double {_leaf(node)} = {self.load(node.value)};"]
-        if node.what in _BOTH:
+        if node.kind in _BOTH:
             a = node.arguments[0]
             lines = []
             if a not in done:
@@ -275,7 +275,7 @@ class Writer:
                     f"      double s{a}, c{a}_;",
                     f"      lane_sincos({self.operand(a)}, &s{a}, &c{a}_, far, &beyond);",
                 ]
-            value = {"sin": f"s{a}", "cos": f"c{a}_", "tan": f"s{a} / c{a}_"}[node.what]
+            value = {"sin": f"s{a}", "cos": f"c{a}_", "tan": f"s{a} / c{a}_"}[node.kind]
             return [*lines, f"      const double {_name(x)} = {value};"]
         return [f"      const double {_name(x)} = {self.operation(x)};"]
 
@@ -283,18 +283,18 @@ class Writer:
         """One operation in C."""
         node = self.graph.nodes[x]
         operands = [self.operand(a) for a in node.arguments]
-        if node.what in ("+", "-"):
-            return self._contracted(node) or f" {node.what} ".join(operands)
-        if node.what in ("*", "/"):
-            return f" {node.what} ".join(operands)
-        if node.what == "negative":
+        if node.kind in ("+", "-"):
+            return self._contracted(node) or f" {node.kind} ".join(operands)
+        if node.kind in ("*", "/"):
+            return f" {node.kind} ".join(operands)
+        if node.kind == "negative":
             return f"-{operands[0]}"
-        if node.what in CHOICES:
-            return CHOICES[node.what].format(*operands)
-        if node.lane and node.what in NEAR:
-            return f"{NEAR[node.what]}({', '.join(operands)}, far, &beyond)"
+        if node.kind in CHOICES:
+            return CHOICES[node.kind].format(*operands)
+        if node.lane and node.kind in NEAR:
+            return f"{NEAR[node.kind]}({', '.join(operands)}, far, &beyond)"
         order = [] if node.value is None else [str(node.value)]
-        return f"{PLAIN.get(node.what, node.what)}({', '.join(order + operands)})"
+        return f"{PLAIN.get(node.kind, node.kind)}({', '.join(order + operands)})"
 
     def _contracted(self, node: Node) -> str | None:
         """A sum or difference with a product in it, as one operation if the library contracts (lane_functions.h).
@@ -305,9 +305,9 @@ class Writer:
         for place in (1, 0):
             product, other = node.arguments[place], self.operand(node.arguments[1 - place])
             given = self.graph.nodes[product]
-            if given.what == "*" and given.lane == node.lane and product not in self.given:
+            if given.kind == "*" and given.lane == node.lane and product not in self.given:
                 a, b = (self.operand(x) for x in given.arguments)
-                if node.what == "-":
+                if node.kind == "-":
                     a, other = (f"-{a}", other) if place == 1 else (a, f"-{other}")
                 return f"FMA({a}, {b}, {other})"
         return None
@@ -317,9 +317,9 @@ class Writer:
         if x in self.given:
             return self.given[x]
         node = self.graph.nodes[x]
-        if node.what == "number":
+        if node.kind == "number":
             return node.value if float(node.value) >= 0 else f"({node.value})"
-        return _leaf(node) if node.what == "leaf" else _name(x)
+        return _leaf(node) if node.kind == "leaf" else _name(x)
 
 
 def _function_name(outputs: tuple[str, ...]) -> str:

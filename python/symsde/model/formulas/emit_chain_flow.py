@@ -39,7 +39,7 @@ def _schemes(chain: Chain) -> list[str]:
     if not has_rows(chain) or not chain.nnoise or chain.kinked:
         return []
     terms, made = together(chain, chain.densities)
-    if any(made.graph.nodes[x].value == "t" for x in _needed(made) if made.graph.nodes[x].what == "leaf"):
+    if any(made.graph.nodes[x].value == "t" for x in _needed(made) if made.graph.nodes[x].kind == "leaf"):
         return []
     bent = [h for term, h in zip(terms, made.hamiltonians, strict=True) if not term.weight.is_drift and not term.family]
     q = [made.symbol[x] for x in ("q0", "q1")]
@@ -86,7 +86,7 @@ def _needed(made: Derivatives) -> list[int]:
 
 
 def _is_near(made: Derivatives) -> bool:
-    return any(made.graph.nodes[x].lane and made.graph.nodes[x].what in NEAR for x in _needed(made))
+    return any(made.graph.nodes[x].lane and made.graph.nodes[x].kind in NEAR for x in _needed(made))
 
 
 def _alone(chain: Chain, terms: list[Any]) -> Derivatives:
@@ -145,4 +145,4 @@ class _Writer(Writer):
     def statement(self, x: int, done: set[int]) -> list[str]:
         """The definition of a node; arguments of the function are there."""
         node = self.graph.nodes[x]
-        return [] if node.what == "leaf" and node.value in ("s", "r") else super().statement(x, done)
+        return [] if node.kind == "leaf" and node.value in ("s", "r") else super().statement(x, done)

@@ -95,7 +95,7 @@ def _is_small(derivatives: Derivatives, blocks: Iterable[str]) -> bool:
     if derivatives.problem.ndof > MAX_DOF or "t" in _leaves(derivatives, blocks):
         return False
     nodes = [derivatives.graph.nodes[x] for x in _needed(derivatives, blocks)]
-    return 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
+    return 0 < sum(OF_FUNCTION if x.lane and x.kind in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
 
 
 def _separable(derivatives: Derivatives) -> bool:
@@ -137,7 +137,7 @@ def source_of_kicks(derivatives: Derivatives) -> tuple[str, list[str]]:
 def _sizes(derivatives: Derivatives) -> dict[str, int]:
     """Numbers of HEAD that depend on the formulas alone."""
     needed = _needed(derivatives, BLOCKS)
-    far = any(derivatives.graph.nodes[x].what in NEAR and derivatives.graph.nodes[x].lane for x in needed)
+    far = any(derivatives.graph.nodes[x].kind in NEAR and derivatives.graph.nodes[x].lane for x in needed)
     group = 1 if len(needed) > 160 or far else 8
     return {
         "dof": derivatives.problem.ndof,
@@ -287,7 +287,7 @@ def _leaves(derivatives: Derivatives, blocks: Iterable[str]) -> set[str]:
 def _of_nodes(derivatives: Derivatives, roots: Iterable[int]) -> set[str]:
     """The leaves that nodes depend on."""
     nodes = (derivatives.graph.nodes[x] for x in reachable(derivatives.graph, roots))
-    return {node.value for node in nodes if node.what == "leaf"}
+    return {node.value for node in nodes if node.kind == "leaf"}
 
 
 def _is_quadratic(derivatives: Derivatives) -> bool:
@@ -336,8 +336,8 @@ def _at_zero(derivatives: Derivatives, nodes: Iterable[int]) -> bool:
     rules = {"+": all, "-": all, "negative": all, "*": any, "/": operator.itemgetter(0)}
     zero: set[int] = set()
     for x, node in enumerate(graph.nodes):
-        found = node.what in rules and rules[node.what]([a in zero for a in node.arguments])
-        if found or graph.is_number(x, 0.0) or (node.what == "leaf" and node.value[0] in "qp"):
+        found = node.kind in rules and rules[node.kind]([a in zero for a in node.arguments])
+        if found or graph.is_number(x, 0.0) or (node.kind == "leaf" and node.value[0] in "qp"):
             zero.add(x)
     return not zero.issuperset(nodes)
 
@@ -365,10 +365,10 @@ def _kept(derivatives: Derivatives) -> list[int]:
     weighted: set[int] = set()
     for x in needed:
         node = graph.nodes[x]
-        if (node.what == "leaf" and node.value[0] in "wp") or any(a in weighted for a in node.arguments):
+        if (node.kind == "leaf" and node.value[0] in "wp") or any(a in weighted for a in node.arguments):
             weighted.add(x)
     takers = {a for x in needed if x in weighted for a in graph.nodes[x].arguments} | roots
-    return [x for x in needed if x in takers - weighted and graph.nodes[x].lane and graph.nodes[x].what != "leaf"]
+    return [x for x in needed if x in takers - weighted and graph.nodes[x].lane and graph.nodes[x].kind != "leaf"]
 
 
 def _places(derivatives: Derivatives, kept: list[int]) -> str:

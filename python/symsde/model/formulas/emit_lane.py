@@ -78,10 +78,10 @@ def move(
 def signed_terms(graph: Graph, x: int, minus: bool = False) -> list[tuple[bool, int]]:
     """The terms of a sum, each with a flag that is true if the term is subtracted."""
     node = graph.nodes[x]
-    if node.what in ("+", "-"):
+    if node.kind in ("+", "-"):
         a, b = node.arguments
-        return signed_terms(graph, a, minus) + signed_terms(graph, b, minus != (node.what == "-"))
-    if node.what == "negative":
+        return signed_terms(graph, a, minus) + signed_terms(graph, b, minus != (node.kind == "-"))
+    if node.kind == "negative":
         return signed_terms(graph, node.arguments[0], not minus)
     return [] if graph.is_number(x, 0.0) else [(minus, x)]
 
@@ -89,7 +89,7 @@ def signed_terms(graph: Graph, x: int, minus: bool = False) -> list[tuple[bool, 
 def _factors(graph: Graph, x: int, state: set[int], given: Container[int]) -> tuple[int, int]:
     """Split a product into the factor that depends less on the state, and the rest; -1 if the term is no product."""
     node = graph.nodes[x]
-    if node.what != "*" or x in given:
+    if node.kind != "*" or x in given:
         return -1, x
     a, b = sorted(node.arguments, key=lambda y: y in state)
     return a, b
@@ -106,7 +106,7 @@ def above(graph: Graph, nodes: set[int]) -> set[int]:
 
 def coordinates(graph: Graph) -> set[int]:
     """The leaves that are q or p."""
-    return {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"}
+    return {x for x, node in enumerate(graph.nodes) if node.kind == "leaf" and node.value[0] in "qp"}
 
 
 def _constants(derivatives: Derivatives) -> dict[int, str]:

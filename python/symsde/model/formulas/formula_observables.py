@@ -69,7 +69,7 @@ class FormulaObservables:
         self._of_sites = np.array([model.parameters[name] for name in sites.arrays])
         self._values = np.array([*map(float, parameters.values()), *np.ravel(self._of_sites)] or [0.0])
         graphs = [self._read.graph, *(piece.graph for total in self._read.sums for piece in total.pieces)]
-        self.needs_time = any(node.value == "t" for graph in graphs for node in graph.nodes if node.what == "leaf")
+        self.needs_time = any(node.value == "t" for graph in graphs for node in graph.nodes if node.kind == "leaf")
 
     @classmethod
     def of_variables(cls, variables: tuple[str, ...], formulas: Mapping[str, Any]) -> FormulaObservables:

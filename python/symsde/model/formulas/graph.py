@@ -35,7 +35,7 @@ MAX_OPERATIONS = 12_000
 class Node:
     """One operation and its arguments, which are nodes."""
 
-    what: str  #: "number", "leaf", or the name of an operation
+    kind: str  #: "number", "leaf", or the name of an operation
     arguments: tuple[int, ...] = ()
     value: Any = None  #: value of a number; name of a leaf
     lane: bool = False  #: whether the node differs from lane to lane and is computed in the loop
@@ -51,9 +51,9 @@ class Graph:
     #: stand-in symbol of a node -> the expression that it replaces
     stand_ins: dict[Any, Any] = field(default_factory=dict)
 
-    def node(self, what: str, *arguments: int, value: Any = None, lane: bool = False) -> int:
+    def node(self, kind: str, *arguments: int, value: Any = None, lane: bool = False) -> int:
         """Make a node, or return an equal one that exists."""
-        key = (what, arguments, value)
+        key = (kind, arguments, value)
         if key not in self._known:
             if len(self.nodes) >= MAX_OPERATIONS:
                 raise InvalidArgumentError(
@@ -62,7 +62,7 @@ class Graph:
                 )
             lane = lane or any(self.nodes[x].lane for x in arguments)
             self._known[key] = len(self.nodes)
-            self.nodes.append(Node(what, arguments, value, lane))
+            self.nodes.append(Node(kind, arguments, value, lane))
         return self._known[key]
 
     def number(self, value: float) -> int:
@@ -76,7 +76,7 @@ class Graph:
     def is_number(self, x: int, value: float) -> bool:
         """Whether a node is this number."""
         node = self.nodes[x]
-        return node.what == "number" and float(node.value) == value
+        return node.kind == "number" and float(node.value) == value
 
     def multiply(self, a: int, b: int) -> int:
         """A product of two nodes. A factor of one is dropped, and signs, which do not affect rounding, are moved to
@@ -99,9 +99,9 @@ class Graph:
     def negative(self, x: int) -> int:
         """Change of sign."""
         node = self.nodes[x]
-        if node.what == "number":
+        if node.kind == "number":
             return self.number(-float(node.value))
-        return node.arguments[0] if node.what == "negative" else self.node("negative", x)
+        return node.arguments[0] if node.kind == "negative" else self.node("negative", x)
 
     def product(self, factors: Iterable[int]) -> int:
         """A product from left to right; factors that are equal for all lanes come first, so that their product
@@ -135,7 +135,7 @@ class Graph:
 
     def _sign(self, x: int) -> int:
         node = self.nodes[x]
-        return -1 if node.what == "negative" or (node.what == "number" and float(node.value) < 0) else 1
+        return -1 if node.kind == "negative" or (node.kind == "number" and float(node.value) < 0) else 1
 
     def _size(self, x: int) -> int:
         """A node without its sign."""

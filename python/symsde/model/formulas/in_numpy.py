@@ -136,11 +136,11 @@ def values_of(graph: Graph, roots: Sequence[int], given: Mapping[str, Any], lane
     with np.errstate(all="ignore"):
         for x in reachable(graph, roots):
             node = graph.nodes[x]
-            if node.what == "number":
+            if node.kind == "number":
                 found[x] = float(node.value)
-            elif node.what == "leaf":
+            elif node.kind == "leaf":
                 found[x] = given[node.value]
             else:
                 order = () if node.value is None else (node.value,)
-                found[x] = _operation(node.what)(*order, *(np.float64(found[a]) for a in node.arguments))
+                found[x] = _operation(node.kind)(*order, *(np.float64(found[a]) for a in node.arguments))
     return np.array([np.broadcast_to(found[x], (lanes,)) for x in roots])

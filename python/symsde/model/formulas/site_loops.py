@@ -55,14 +55,14 @@ class _PairWriter(Writer):
         """See Writer."""
         roots = list(roots)
         needed = [self.graph.nodes[x] for x in reachable(self.graph, roots, self.given) if x not in self.given]
-        below = [node.arguments[1] for node in needed if node.lane and node.what == "/"]
+        below = [node.arguments[1] for node in needed if node.lane and node.kind == "/"]
         self._shared = {x for x in below if below.count(x) > 1 and self.graph.nodes[x].lane}
         return super().lines(roots)
 
     def statement(self, x: int, done: set[int]) -> list[str]:
         """See Writer."""
         node = self.graph.nodes[x]
-        if node.what != "/" or node.arguments[1] not in self._shared:
+        if node.kind != "/" or node.arguments[1] not in self._shared:
             return super().statement(x, done)
         above, below = node.arguments
         first = [] if below in done else [f"      const double r{below} = 1.0 / {self.operand(below)};"]
