@@ -19,18 +19,18 @@ module symsde_model_probe_mass
 contains
 
    !> Find a point and a component where H_p of H_0 differs from the declaration; H_0 must be the probed sum. bad%lane =
-   !> 0 if there is none; else `what` names the quantity that should vanish, and x is its value.
+   !> 0 if there is none; else `entry` should vanish, and x is its value.
    !>
    !> identity_mass is compared with p itself. For constant_mass no matrix is known, but M^-1 p is a function of p
    !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. The first
    !> point is b, every other point is a.
-   subroutine compare_mass(points, traits, tolerance, trait, bad, what, x)
+   subroutine compare_mass(points, traits, tolerance, trait, bad, entry, x)
       type(probe_points), intent(in) :: points
       type(model_traits), intent(in) :: traits        !! the declaration
       real(wp), intent(in) :: tolerance               !! part of the gradient that counts as rounding
       character(:), allocatable, intent(out) :: trait !! the judged trait
       type(finding), intent(out) :: bad
-      character(:), allocatable, intent(out) :: what
+      character(:), allocatable, intent(out) :: entry
       real(wp), intent(out) :: x
       real(wp), allocatable :: hq(:, :), hp(:, :), zero(:, :), velocity(:, :)
       real(wp) :: scale(nlane)
@@ -42,19 +42,19 @@ contains
          trait = 'identity_mass'
          hp = hp - points%p
          call worst(zero, hp, scale, tolerance, bad)
-         what = 'dH_0/dp_'//to_text(bad%i)//' - p_'//to_text(bad%i)
+         entry = 'dH_0/dp_'//to_text(bad%i)//' - p_'//to_text(bad%i)
       else
          trait = 'constant_mass'
          velocity = hp
          call subtract_sum(points, hp, scale)
          call worst(zero, hp, scale, tolerance, bad)
-         what = 'dH_0/dp_'//to_text(bad%i)//' at the sum of two momenta (and a later time) minus its values at these'
+         entry = 'dH_0/dp_'//to_text(bad%i)//' at the sum of two momenta (and a later time) minus its values at these'
          if (bad%lane == 0 .and. traits%diagonal_mass) then
             trait = 'diagonal_mass'
             call compare_ratios(points, velocity, hp, scale)
             call worst(zero, hp, scale, tolerance, bad)
-            what = 'dH_0/dp_'//to_text(bad%i)//' at one momentum times p_'//to_text(bad%i)//' of another minus the '// &
-                   'same with both exchanged'
+            entry = 'dH_0/dp_'//to_text(bad%i)//' at one momentum times p_'//to_text(bad%i)//' of another minus '// &
+                    'the same with both exchanged'
          end if
       end if
       if (bad%lane > 0) x = hp(bad%lane, bad%i)

@@ -188,11 +188,11 @@ contains
                    'the exact flow of sum_j w_j K_j for weights of either sign', error)
    end subroutine probe_kicks
 
-   subroutine probe_sum(points, kick, other, z, what, error)
+   subroutine probe_sum(points, kick, other, z, weights, error)
       type(probe_points), intent(in) :: points
       type(flow_type), intent(in) :: kick, other
       type(place_type), intent(in) :: z
-      character(*), intent(in) :: what
+      character(*), intent(in) :: weights
       type(error_type), allocatable, intent(inout) :: error
       type(flow_type) :: both
       type(place_type) :: x, y, far
@@ -202,7 +202,7 @@ contains
       call move(kick, 1.0_wp, z, x)
       call move(other, 1.0_wp, x, y)
       call move(both, 1.0_wp, z, far)
-      call compare(points, y, far, z, 'kick by weights w of '//what//' and then by weights v', 'kick by w + v', &
+      call compare(points, y, far, z, 'kick by weights w of '//weights//' and then by weights v', 'kick by w + v', &
                    'the exact flow of sum_j w_j K_j', error)
    end subroutine probe_sum
 
@@ -361,14 +361,14 @@ contains
    end subroutine probe_generators
 
    !> Refuse two functions that do not have a property.
-   subroutine refuse(points, what, bad, remedy, error)
+   subroutine refuse(points, violation, bad, remedy, error)
       type(probe_points), intent(in) :: points
-      character(*), intent(in) :: what, remedy
+      character(*), intent(in) :: violation, remedy
       type(finding), intent(in) :: bad
       type(error_type), allocatable, intent(inout) :: error
 
       call raise(error, false_trait, 'probe_model', 'model '''//points%model%name//''' gives flows of two parts '// &
-                 'of H, but '//what//', at '//points%place(bad%lane, bad%i, bad%i)//'; give '//remedy)
+                 'of H, but '//violation//', at '//points%place(bad%lane, bad%i, bad%i)//'; give '//remedy)
    end subroutine refuse
 
 end module symsde_model_probe_parts

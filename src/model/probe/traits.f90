@@ -192,12 +192,12 @@ contains
       type(probe_points), intent(in) :: points
       type(model_traits), intent(in) :: traits
       type(error_type), allocatable, intent(inout) :: error
-      character(:), allocatable :: trait, what
+      character(:), allocatable :: trait, quantity
       type(finding) :: bad
       real(wp) :: x
 
-      call compare_mass(points, traits, vanishing, trait, bad, what, x)
-      if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
+      call compare_mass(points, traits, vanishing, trait, bad, quantity, x)
+      if (bad%lane > 0) call refuse(points, trait, quantity, x, bad%lane, bad%i, bad%i, error)
    end subroutine probe_mass
 
    !> Velocities must be those of the declared quadratic part, H_p = S_pq q + S_pp p.
@@ -436,9 +436,9 @@ contains
 
    !> Refuse a trait (false_trait) because a quantity that should be zero is not; the message gives its value and
    !> place.
-   subroutine refuse(points, trait, what, x, lane, i, j, error)
+   subroutine refuse(points, trait, quantity, x, lane, i, j, error)
       type(probe_points), intent(in) :: points
-      character(*), intent(in) :: trait, what  !! name of the trait, name of the quantity
+      character(*), intent(in) :: trait, quantity  !! name of the trait, name of the quantity
       real(wp), intent(in) :: x                !! value of the quantity
       integer, intent(in) :: lane, i, j        !! the point, and the degrees of freedom for the message
       type(error_type), allocatable, intent(inout) :: error
@@ -453,7 +453,7 @@ contains
          remedy = 'declare kicks by functions of the actions alone'
       end if
       call raise(error, false_trait, here, 'model '''//points%model%name//''' declares '// &
-                 declared//', but '//what//' = '//to_text(x)//' at '//points%place(lane, i, j)// &
+                 declared//', but '//quantity//' = '//to_text(x)//' at '//points%place(lane, i, j)// &
                  '; '//remedy//', or correct the gradient')
    end subroutine refuse
 
