@@ -114,16 +114,13 @@ contains
       call refuse_not_finite(given, fine, error)
       if (present(scheme)) call ask_for(scheme, model, options%damping_noise, noise, error)
       if (allocated(error)) return
-      ! From here on `step` is the step of the draws.
       if (system%additive .and. allocated(system%flow)) then
          allocate (system%steps)
          call new_linear_steps(system%steps, system%flow%n, noise%nnoise, system%flow%field, fine%step, noise%common)
       end if
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
-      ! Blocks of paths are the outer loop, and the steps at which the noise is drawn the inner one.
       do while (work%first < fine%npath)
          call begin_block(work, fine, q0, p0)
-         ! The first saved time is t0.
          call save_point(work, 1, q, p)
          do n = fine%first_step, fine%first_step + fine%nstep - 1
             done = n - fine%first_step
@@ -135,7 +132,6 @@ contains
                call fill(work, noise, system, fine, n/2)
             call advance(work, noise, system, fine, n)
             done = done + 1
-            ! The solution is wanted at the times that the run saves, t0 included.
             if (mod(done, fine%save_every) /= 0) cycle
             ! These models depend on W(t) alone: compute saved states from the start, so that errors do not add up.
             if (.not. system%additive) call rotate(work, system, real(done, wp)*fine%step)
@@ -180,12 +176,10 @@ contains
       real(wp) :: shape(work%nlane, 0:1), stt_area(work%nlane, 0:1)
       integer :: k
 
-      ! The source fills dW of both steps of a pair, and the requested functionals.
       work%request%pair = pair
       call noise%fill(work%request, work%store, drawn)
       if (.not. system%additive) return
       do k = 1, noise%nnoise
-         ! A silent noise changes no state.
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
@@ -362,7 +356,6 @@ contains
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
       work%request%path = noise_path(options, work%request%path)
       do lane = 1, work%nlane
-         ! One initial state may serve all paths.
          row = work%first + min(lane, work%nreal)
          work%q0(lane, :) = q0(min(row, size(q0, 1, i8)), :)
          work%p0(lane, :) = p0(min(row, size(p0, 1, i8)), :)
@@ -386,7 +379,6 @@ contains
       real(wp) :: versine, sine
       integer :: half, k
 
-      ! The step is the first or the second one of its pair.
       half = int(mod(n, 2_i8))
       if (.not. system%additive) then
          do k = 1, size(work%sum_w, 2)

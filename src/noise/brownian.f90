@@ -143,7 +143,6 @@ contains
                w(:, k, :) = 0
                cycle
             end if
-            ! The counters of this noise's lanes.
             normals%noise = k
             ! Every lane of a common noise has the counters of path 0, and so the same numbers.
             normals%path = merge(0_i8, request%path, self%common(k))
@@ -158,7 +157,6 @@ contains
             ! An interrupt leaves w unfinished: no caller uses it.
             if (normals%is_left()) return
             do step = 0, nstep - 1
-               ! In a truncated run clip the increments.
                if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, dw(:, step))
                w(:, k, step) = dw(:, step)
             end do
@@ -203,7 +201,6 @@ contains
       integer(i8) :: from(nlane)
       integer :: j, step
 
-      ! Path 0 in every lane, if all paths share the noise.
       from = merge(0_i8, path, self%common(k))
       do j = 0, npair - 1, pairs_of_steps
          call scaled_normal_steps(nlane, normal_stream(self%seed, k, 0, purpose_increment, sqrt(self%h)), from, &
@@ -318,7 +315,6 @@ contains
 
       ! n counts the lanes of the generator: even and odd pairs of steps, each padded to whole vectors.
       n = size(draws%ahead)
-      ! The lanes differ in their steps alone.
       allocate (path(n), source=request%path(lane))
       of_pair = 0
       call fill_pair(draws, n, path, pair, steps(0), steps(1), of_pair)

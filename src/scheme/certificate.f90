@@ -123,8 +123,7 @@ contains
       c%structure = scheme%structure
       c%order = scheme%order
       c%order_noise_free = scheme%order_noise_free
-      ! A scheme that is explicit for any Hamiltonian is also explicit for separable ones: the second test
-      ! overrides.
+      ! A scheme that is explicit for any Hamiltonian is so for separable ones: the second test overrides.
       if (is_explicit(scheme, .true.)) c%explicit_for = explicit_if_separable
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
       if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) &
@@ -132,7 +131,6 @@ contains
          c%implicit_drifts = scheme%kicks%ndrift()
       ! Each stage takes one gradient of Hhat, and each midpoint step between kicks one for every iteration.
       c%gradients_per_step = scheme%nstage + c%implicit_drifts
-      ! Unknowns for each degree of freedom, for any H and for separable H.
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
       call tell_damping(scheme, c%symplectic, c%correction_exists, one_rate, c%damped_by_rate)
@@ -161,13 +159,12 @@ contains
                             abs(c%stratonovich_sum + conjugate - 1) < coefficient_tolerance
    end subroutine judge_consistency
 
-   !> Write an order, its evidence and its measurement.
+   !> Write an order, its evidence, and the slope with its 95 % half-width if it was measured.
    pure subroutine describe(order, text)
       type(order_type), intent(in) :: order
       character(:), allocatable, intent(out) :: text
       character(len=60) :: numbers
 
-      ! Write the order, its evidence, and the slope with its 95 % half-width if it was measured.
       text = 'none'
       if (.not. order%value > 0) return
       write (numbers, '(f8.1)') order%value
@@ -207,7 +204,6 @@ contains
       character(:), allocatable :: form
 
       select case (c%form)
-         ! First the kind of coefficients, then their number.
       case (tableau_form); form = 'tableau, '
       case (galerkin_form); form = 'Galerkin, degree '//to_text(c%degree)//', '
       case (splitting_form); form = 'drifts and kicks, '
@@ -255,7 +251,6 @@ contains
 
       if (c%form == ito_form) then
          value = 'Ito form, the drift is converted'
-         ! Either beta^T b e = 1/2, or its difference from 1/2 multiplies a constant.
       else if (.not. c%correction_needed) then
          value = 'Stratonovich, no correction'
       else if (c%correction_exists) then
@@ -414,7 +409,6 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
-      ! Gradients are counted for one step, or where equations are solved for one iteration.
       value = counted(to_text(c%gradients_per_step), 'gradient')
       if (c%implicit_drifts > 0) then
          value = counted(to_text(c%nstage), 'gradient')//'; midpoint steps: '//to_text(c%implicit_drifts)// &
@@ -437,7 +431,6 @@ contains
          call add(text, 'needs', 'H_pp not singular, noises in position or all additive: '// &
                   'nodes that see different velocities of the noise tear their momenta apart')
       associate (needs => c%needs)
-         ! First conditions on the noise, then on the kinetic energy and the linear part.
          if (needs%additive) then
             value = 'additive noise'
             if (needs%position_noise) value = value//' in p alone'

@@ -391,7 +391,6 @@ contains
       integer, intent(in) :: nreal
       type(initial_state), intent(in) :: start
 
-      ! Announce the block to the observer, and skip all its saved times.
       call take_state(self, first, nreal, start)
       call stop_paths(self)
       call self%observer%begin_block(first, nreal, self%state%nlane)
@@ -413,7 +412,6 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8) :: reached
 
-      ! Paths that are ok here were stopped; failed paths keep their status.
       if (self%step < self%options%first_step + self%options%nstep) then
          call stop_paths(self)
          reached = (self%step - self%options%first_step)/self%options%save_every

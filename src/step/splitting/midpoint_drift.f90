@@ -58,7 +58,6 @@ contains
       type(error_type), allocatable :: error
       real(wp), allocatable :: half(:)   ! half of each part of a step between kicks
 
-      ! Everything but the scheme is as in the task of the kicks: model, lanes, and options of Newton's iteration.
       task = whole
       task%damping = damping_type()
       if (whole%damping%acts()) then
@@ -120,7 +119,6 @@ contains
       ! In lanes that fail now, dx and dy come from the rescue, if it succeeds.
       if (any(status /= 0 .and. self%failed < 0)) &
          call self%rescue%attempt(size(status), step, self%x, self%y, self%failed, self%dx, self%dy, status)
-      ! Add the increments of this flow to those of the step so far.
       dq = dq + self%dx
       dp = dp + self%dy
       if (self%around%decays_at_kicks) &
