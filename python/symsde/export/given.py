@@ -31,6 +31,7 @@ _TAKEN = frozenset(
             "passed",
             "paths",
             "for_paths",
+            "refuse_paths",
             "failure_code",
             "clear_failure",
             "note_failure",
