@@ -81,3 +81,15 @@ def test_a_singular_drift_is_rescued_in_one_lane_or_in_all(paths, moving):
     counters = run.report.counters
     assert not run.status.any() and counters["damped"] + counters["continued"] == at_rest.sum()
     np.testing.assert_allclose(run.last_q[:, at_rest], known.last_q[:, at_rest], rtol=1e-12)
+
+
+@pytest.mark.parametrize("paths", [1, 16])
+def test_a_drift_without_a_solution_stays_failed(paths):
+    """dq = a q^2 dt, with a = 100 in the first drift alone: its midpoint equation m = q + tau a m^2/2 has a solution
+    only if tau a q <= 1/2, and here this is 2.1. The second drift, which has a solution, must not hide this.
+    """
+    model = ss.model_from_sympy("q**2/2 + 100*p*q**2*exp(-((t - 0.0105)/0.01)**2)", ["0.2*sin(q)"])
+    given = {"q0": 1.0, "p0": 0.1, "steps": 1, "paths": paths, "scheme": "gauss_dkdkd_midpoint", "seed": 1}
+    assert not ss.simulate(model, step=0.1, t0=0.05, **given).status.any()
+    failed = ss.simulate(model, step=0.1, **given)
+    assert (failed.status != 0).all() and np.isnan(failed.q[-1]).all()
