@@ -227,5 +227,5 @@ def test_parameters_of_sites(tmp_path):
         "params = {m = {from = 1.0, to = 3.0, count = 3}}\n"
         "[run]\nq0 = 1.0\np0 = 0.0\nstep = 0.1\nsteps = 2\npaths = 3\n[output]\nmoments = true\n"
     )
-    with pytest.raises(SceneError, match="a number for each site"):
+    with pytest.raises(SceneError, match="the same for all paths: give a number, or a list with one for each site"):
         scene.load(file)
