@@ -15,7 +15,7 @@ module symsde_step_splitting_stepper_single_path
    use symsde_base_matrices, only: add_matrix => add_product
    use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
    use symsde_base_sincos, only: sincos_one
-   use symsde_base_vectors, only: add, subtract, add_times, add_times_each, copy, scale
+   use symsde_base_vectors, only: add, subtract, add_times, copy, scale
    use symsde_model_kernels, only: angle_terms
    use symsde_scheme_kicks, only: flow_free, flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none

@@ -249,7 +249,7 @@ def source(derivatives: Derivatives, *, damped: bool = False) -> str:
 
 
 def _explicit(derivatives: Derivatives, kept: list[int], *, damped: bool) -> list[str]:
-    """What explicit steps are derivatives of; where q and p meet, kicks and drifts as increments, and S_qp."""
+    """The parts of explicit steps; where q and p meet, kicks and drifts as increments, too, and S_qp."""
     parts = [
         _places(derivatives, kept),
         move(derivatives, "fall", "hq", kept),
@@ -298,10 +298,8 @@ def _is_quadratic(derivatives: Derivatives) -> bool:
 def _corrected(derivatives: Derivatives) -> list[str]:
     """The schemes of the corrected Euler pair with closed steps: the slope of the noises must be linear in the implicit
     end point. Empty if F_p.F_q has no gradient, as for noise in q or p alone, and for additive noise."""
-    n, noise = (
-        derivatives.problem.ndof,
-        {block: derivatives.noise_block(variables) for block, variables in BLOCKS.items()},
-    )
+    n = derivatives.problem.ndof
+    noise = {block: derivatives.noise_block(variables) for block, variables in BLOCKS.items()}
     there = {block: [not derivatives.graph.is_number(x, 0.0) for x in nodes] for block, nodes in noise.items()}
     products = (("hqq", "hp"), ("hpp", "hq"))
     if not any(there[a][i] and there[b][i % n] for a, b in products for i in range(n * n)):
